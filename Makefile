@@ -1,0 +1,44 @@
+# Everything runs from a virtual environment in .venv, made on first use.
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+WORKERS ?= 2
+VENV := .venv
+RUN := $(VENV)/bin/python -m
+PIP := $(RUN) pip install -qq --disable-pip-version-check --no-input
+STAMP := $(VENV)/.installed
+
+# The official networks and meshes; without them the tests that need them are skipped.
+NSM_DATA_DIR ?= $(abspath $(wildcard ../shared/data))
+ifneq ($(NSM_DATA_DIR),)
+export NSM_DATA_DIR
+endif
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint bench
+
+help: ## show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(STAMP) ## train the default morph, two cylinders to a torus, into outputs/demo
+	$(RUN) nsm.train hydra.run.dir=outputs/demo
+
+test: $(STAMP) ## run all tests (WORKERS=2 side by side, PYTEST_ARGS for pytest)
+	$(RUN) pytest -q -n $(WORKERS) $(PYTEST_ARGS)
+
+lint: $(STAMP) ## check style, types and the direction of imports
+	$(RUN) ruff check .
+	$(RUN) ruff format --check .
+	$(RUN) mypy
+	$(VENV)/bin/lint-imports
+
+bench: $(STAMP) ## measure the speed of a training step and what else tools/bench_*.py measures
+	@set -e; for tool in tools/bench_*.py; do echo "== $$tool"; $(VENV)/bin/python $$tool; done
+
+$(STAMP): pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "nsm needs Python 3.11 or newer and found none: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nsm needs Python 3.11 or newer, and $(PYTHON) is %d.%d: make PYTHON=/path/to/python3.11" % sys.version_info[:2])'
+	@echo "Installing the versions of constraints.txt into $(VENV): some minutes, once"
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) -c constraints.txt torch
+	@$(PIP) -c constraints.txt -e '.[dev]'
+	@touch $@

@@ -1,0 +1,64 @@
+"""Meshes of the morph at chosen times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import lightning as L
+import numpy as np
+import torch
+from lightning.pytorch.loggers import WandbLogger
+from torch.nn.functional import normalize
+
+from nsm.geometry.meshing import extract_surface
+from nsm.types import Morph, SimplexMesh
+from nsm.writers import write_mesh
+
+
+class MeshSnapshots(L.Callback):
+    """Writes ``meshes/step_<step>/t_<time>.ply`` at validations, and gives the meshes to wandb where it is used.
+
+    Args:
+        folder: where ``meshes`` goes.
+        times: of the snapshots.
+        resolution: cells along the box.
+        every: at every how many-th validation; the last is always written.
+    """
+
+    def __init__(self, folder: str, times: Sequence[float], resolution: int = 96, every: int = 5) -> None:
+        self.folder = Path(folder) / "meshes"
+        self.times, self.resolution, self.every = tuple(times), resolution, every
+        self._validations = 0
+
+    def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Write the meshes of this step."""
+        morph = getattr(pl_module, "morph", None)
+        if morph is None or trainer.sanity_checking or not trainer.is_global_zero:
+            return
+        self._validations += 1
+        if self._validations % self.every and trainer.global_step < trainer.max_steps:
+            return
+        for time in self.times:
+            file = self.folder / f"step_{trainer.global_step:06d}" / f"t_{time:.3f}.ply"
+            mesh = save_frame(morph, time, file, self.resolution)
+            for logger in trainer.loggers:
+                if isinstance(logger, WandbLogger):
+                    _log_mesh(logger, f"mesh/t_{time:.3f}", mesh, trainer.global_step)
+
+
+@torch.no_grad()
+def save_frame(morph: Morph, time: float, file: Path, resolution: int) -> SimplexMesh:
+    """Extract the surface of a morph at one time and write it with the normals ∇f/‖∇f‖."""
+    mesh = extract_surface(partial(morph, t=time), morph.bounds, resolution)
+    write_mesh(file, mesh, normalize(morph.gradient(mesh.vertices, time), dim=1))
+    return mesh
+
+
+def _log_mesh(logger: WandbLogger, name: str, mesh: SimplexMesh, step: int) -> None:
+    """wandb shows point clouds in three dimensions; the vertices of the mesh make one."""
+    if mesh.vertices.shape[1] == 3:
+        import wandb
+
+        logger.experiment.log({name: wandb.Object3D(np.asarray(mesh.vertices.cpu())), "trainer/global_step": step})

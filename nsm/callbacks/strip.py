@@ -1,0 +1,33 @@
+"""A picture of the morph when training is done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import lightning as L
+
+from nsm.callbacks.volume_curve import log_picture
+from nsm.writers import render_strip
+
+
+class Strip(L.Callback):
+    """Writes ``strip.png``, the morph at some times, at the end of training.
+
+    Args:
+        folder: where it goes.
+        times: of the columns.
+        size: pixels along an edge of one picture.
+    """
+
+    def __init__(self, folder: str, times: Sequence[float], size: int = 400) -> None:
+        self.file = Path(folder) / "strip.png"
+        self.times, self.size = tuple(times), size
+
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Draw the strip."""
+        morph = getattr(pl_module, "morph", None)
+        if morph is None or not trainer.is_global_zero or trainer.global_step < trainer.max_steps:
+            return
+        render_strip(self.file, morph, self.times, size=self.size)
+        log_picture(trainer, "strip", self.file)

@@ -1,0 +1,75 @@
+"""What every command does around its work: plain sentences for people, exit codes for scripts."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Callable
+
+import hydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+from rich.console import Console
+
+from nsm.configuration import CONF
+from nsm.errors import InputError
+
+#: Exit status when what was asked for cannot be done.
+REFUSED = 2
+
+
+def run(main: Callable[[DictConfig], None], config_name: str) -> None:
+    """Run a command with its composed configuration.
+
+    An `InputError`, an error of the configuration, or a folder that cannot be written ends it with one sentence and
+    status 2; anything else is a defect and keeps its traceback.
+
+    Args:
+        main: the command; it gets the configuration, which it may not change.
+        config_name: the file in ``conf/``.
+    """
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # or Hydra prints the traceback itself and exits
+    _quieten()
+    try:
+        hydra.main(config_path=str(CONF), config_name=config_name, version_base="1.3")(main)()
+    except Exception as error:
+        sentence = _sentence(error)
+        if sentence is None:
+            raise
+        Console(stderr=True, soft_wrap=True).print(f"[bold red]nsm:[/] {_escaped(sentence)}", highlight=False)
+        sys.exit(REFUSED)
+
+
+def _sentence(error: BaseException) -> str | None:
+    """What to tell about an error that is the user's to mend, or None for a defect."""
+    chain: BaseException | None = error
+    while chain is not None:
+        if isinstance(chain, InputError):
+            return str(chain)
+        chain = chain.__cause__
+    if isinstance(error, (HydraException, OmegaConfBaseException)):
+        return " ".join(str(error).split())
+    if isinstance(error, OSError) and error.filename is not None:
+        return (
+            f"{error.filename} cannot be written or read ({error.strerror}): choose another hydra.run.dir, or free it"
+        )
+    return None
+
+
+def _escaped(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+def _quieten() -> None:
+    """Leave out what Lightning tells on every run and nobody can act on."""
+    logging.getLogger("lightning.pytorch.utilities.rank_zero").setLevel(logging.WARNING)
+    logging.getLogger("lightning.pytorch.accelerators.cuda").setLevel(logging.WARNING)
+    for message in (
+        ".*does not have many workers.*",
+        ".*`IterableDataset` has `__len__`.*",
+        ".*exists and is not empty.*",
+    ):
+        warnings.filterwarnings("ignore", message)

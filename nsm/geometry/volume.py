@@ -1,0 +1,92 @@
+"""The volume (area in 2D) inside the zero set of a field, from fractions of cells."""
+
+from __future__ import annotations
+
+from itertools import product
+from math import factorial
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from nsm.geometry.grid import Lattice, sample_band
+from nsm.types import SignedDistance
+
+#: Least component of a gradient relative to its largest: keeps the cut formula away from 0/0. A tilt this small
+#: moves no volume, as a plane that turns about the middle of a cell takes on one side what it gives on the other.
+_LEAST_TILT = 1e-4
+
+
+def volume(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int = 96) -> float:
+    """Volume of {f < 0} within a box.
+
+    Every cell that the surface cuts contributes the exact part of it below a plane, {f_mean + ∇f·(x - c) < 0}, with
+    ∇f from central differences and the mean of f over the cell, f_mean = f(c) + Σ h_i²/24 ∂_i² f, in place of its
+    value at the middle: to first order in the curvature of the surface, the plane then takes as much as the surface
+    does. For smooth surfaces the error falls as h⁴, for those with edges as h². Only the zero set of f counts, so f
+    need not be a distance.
+
+    Args:
+        field: maps points (n, d) to values (n,), negative inside.
+        bounds: corners (2, d) of the box.
+        resolution: cells along the longest edge of the box.
+
+    Returns:
+        The volume in the units of ``bounds`` to the power d.
+    """
+    lattice = Lattice.centres(bounds, resolution)
+    band = sample_band(field, lattice)
+    values = band.values.double()
+    inner = band.known.clone()
+    mean, gradients = values.clone(), []
+    for axis, n in enumerate(lattice.shape):
+        before, after = _neighbours(values, axis)
+        known_before, known_after = _neighbours(band.known, axis)
+        inner &= known_before & known_after
+        mean += (before - 2 * values + after) / 24
+        # neighbours beyond the box repeat the outermost value: there the difference spans one cell, not two
+        span = torch.full((n,), 2.0 if n > 1 else torch.inf, dtype=values.dtype, device=values.device)
+        span[[0, -1]] -= 1
+        gradients.append((after - before) / span.view([-1 if i == axis else 1 for i in range(values.ndim)]))
+    cut = cell_fraction(mean[inner], torch.stack([g[inner] for g in gradients], 1))
+    whole = (values[~inner] < 0).sum()
+    return float((cut.sum() + whole) * lattice.step.double().prod())
+
+
+def cell_fraction(mean: Float[Tensor, " n"], rise: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
+    """Part of a unit cube where a linear function is negative.
+
+    With a_i = |rise_i| and α = Σ a_i / 2 - mean, the part of the cube where Σ a_i u_i < α is, by inclusion and
+    exclusion of the corners s ∈ {0, 1}^d,
+
+        1 / (d! Π a_i) Σ_s (-1)^|s| max(0, α - s·a)^d.
+
+    Args:
+        mean: value (n,) in the middle of the cube.
+        rise: how much the function grows along each edge (n, d).
+
+    Returns:
+        Fractions (n,) in [0, 1].
+    """
+    dim = rise.shape[1]
+    slope = rise.abs()
+    scale = slope.amax(1, keepdim=True).clamp(min=torch.finfo(rise.dtype).tiny)
+    slope = (slope / scale).clamp(min=_LEAST_TILT)
+    level = slope.sum(1) / 2 - mean / scale[:, 0]
+    total = torch.zeros_like(level)
+    for corner in product((0, 1), repeat=dim):
+        beyond = level - slope @ slope.new_tensor(corner)
+        total += (-1) ** sum(corner) * beyond.clamp(min=0) ** dim
+    fraction = total / (factorial(dim) * slope.prod(1))
+    # far from the plane the terms are large and cancel: there the answer is known
+    fraction = torch.where(level >= slope.sum(1), 1.0, fraction)
+    return fraction.clamp(0, 1)
+
+
+def _neighbours(values: Tensor, axis: int) -> tuple[Tensor, Tensor]:
+    """Values one step back and one step on along an axis, the outermost repeated."""
+    n = values.shape[axis]
+    first, last = values.narrow(axis, 0, 1), values.narrow(axis, n - 1, 1)
+    before = torch.cat([first, values.narrow(axis, 0, n - 1)], axis)
+    after = torch.cat([values.narrow(axis, 1, n - 1), last], axis)
+    return before, after

@@ -1,0 +1,7 @@
+"""Points to train on: pools of precomputed targets, and batches drawn from them."""
+
+from nsm.sampling.batch import Batch, Fractions, MorphSampler, SdfSampler
+from nsm.sampling.domain import Box, UniformTime
+from nsm.sampling.pools import Pools
+
+__all__ = ["Batch", "Box", "Fractions", "MorphSampler", "Pools", "SdfSampler", "UniformTime"]

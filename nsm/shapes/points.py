@@ -1,0 +1,206 @@
+"""Shapes from oriented point clouds."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import igl
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from nsm.errors import InputError
+from nsm.geometry.volume import volume
+from nsm.shapes.base import working_box
+from nsm.shapes.mesh import LEAST_WINDING, OPEN_VOLUME_RESOLUTION, FileShape
+from nsm.shapes.primitive import Pose
+from nsm.shapes.sampling import ambient_points
+from nsm.types import DistanceSamples, SurfaceSamples
+
+log = logging.getLogger(__name__)
+
+#: Endings of files that can be read: ply with nx, ny, nz; text with six columns.
+FORMATS = (".ply", ".xyz")
+#: Neighbours that the area of a point is estimated from.
+NEIGHBOURS = 12
+#: Within so many radii of its disc the nearest point tells the side; beyond, the winding number does.
+NEAR_RADII = 4.0
+
+
+class PointCloud(FileShape):
+    """Points with outward normals: every point stands for a disc of the surface.
+
+    The area of a disc is that which its nearest neighbours leave it. A distance is that to the disc of the
+    nearest point p with normal n and radius ρ: with h = ⟨x − p, n⟩ and ℓ² = |x − p|² − h², it is
+    √(h² + max(ℓ − ρ, 0)²), so close to the surface it is the distance to the tangent plane. The side is that of h
+    there and that of the winding number of the discs (Barill et al., SIGGRAPH 2018) farther out.
+
+    Args:
+        path: a ply file with normals, an xyz file of six columns, or a public name.
+        fit: half of the longest side after fitting; None keeps the coordinates of the file.
+        pose: rotation, translation and scale given to the points after that.
+
+    Raises:
+        InputError: if there are no normals, or they enclose nothing, or the posed points leave the box.
+    """
+
+    def __init__(self, path: str, fit: float | None = 0.8, pose: Pose = None) -> None:
+        super().__init__(path, fit, pose)
+        points, normals = clean_points(*read_points(self.file), self.path)
+        self._similarity = self.fitting(torch.from_numpy(points))
+        self._points = self._similarity.apply(torch.from_numpy(points)).numpy()
+        self._normals = self._similarity.turn(torch.from_numpy(normals)).numpy()
+        self._tree = cKDTree(self._points)
+        self._areas = point_areas(self._tree)
+        self._radii = np.sqrt(self._areas / np.pi)
+        self._expansion: tuple[Any, ...] | None = None
+        self._orient()
+        self.require_in_box()
+
+    def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
+        """A random subset of the points (repeated only if more are asked for than there are), with their normals."""
+        n = len(self._points)
+        chosen = torch.cat([torch.randperm(n, generator=generator) for _ in range(-(-count // n))])[:count]
+        dtype = torch.get_default_dtype()
+        points, normals = torch.from_numpy(self._points)[chosen], torch.from_numpy(self._normals)[chosen]
+        return SurfaceSamples(points.to(dtype), normals.to(dtype))
+
+    def distance_samples(
+        self, count: int, generator: torch.Generator, bounds: Float[Tensor, "2 d"] | None = None
+    ) -> DistanceSamples:
+        """Points with distances to the discs of the nearest points."""
+        surface = self.surface_samples(max(count // 2, 1), generator).points
+        points = ambient_points(surface, count, generator, working_box(3) if bounds is None else bounds)
+        return DistanceSamples(points, self.signed_distance(points))
+
+    def signed_distance(self, x: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
+        """Signed distance (n,) at x (n, 3) in the box."""
+        queries = x.detach().cpu().double().numpy()
+        reach, nearest = self._tree.query(queries)
+        height = np.einsum("ij,ij->i", queries - self._points[nearest], self._normals[nearest])
+        lateral = np.sqrt(np.maximum(reach**2 - height**2, 0))
+        radius = self._radii[nearest]
+        distance = np.hypot(height, np.maximum(lateral - radius, 0))
+        inside = height < 0
+        far = reach > NEAR_RADII * radius
+        inside[far] = self._winding(queries[far]) > 0.5
+        return torch.from_numpy(np.where(inside, -distance, distance)).to(x)
+
+    def bounds(self) -> Float[Tensor, "2 d"]:
+        """Corners of the box around the points."""
+        points = torch.from_numpy(self._points).to(torch.get_default_dtype())
+        return torch.stack([points.amin(0), points.amax(0)])
+
+    def volume(self) -> float:
+        """Volume of the inside, from a grid."""
+        low, high = self.bounds()
+        margin = 0.05 * (high - low).max()
+        return volume(self.signed_distance, torch.stack([low - margin, high + margin]), OPEN_VOLUME_RESOLUTION)
+
+    def provenance(self) -> dict[str, Any]:
+        """File, hash and the similarity from its coordinates to the box."""
+        return self._provenance("point cloud", self._similarity)
+
+    def _winding(self, queries: np.ndarray) -> np.ndarray:
+        if not len(queries):
+            return np.zeros(0)
+        if self._expansion is None:
+            cells, children = igl.octree(self._points)[:2]
+            cloud = (self._points, self._normals, self._areas, cells, children)
+            self._expansion = (*cloud, *igl.fast_winding_number_precompute(*cloud))
+        return igl.fast_winding_number(*self._expansion, queries)
+
+    def _orient(self, count: int = 4000) -> None:
+        """Bring the areas to scale and the normals outwards, by the winding number on both sides of the points.
+
+        It falls by 1 across the discs whatever way they are turned; its mean below them is 1 if they point outwards, 0
+        if inwards, and about 1/2 if they contradict each other or enclose nothing.
+        """
+        draw = torch.randperm(len(self._points), generator=torch.Generator().manual_seed(0))[:count].numpy()
+        offset = NEAR_RADII * self._radii[draw, None] * self._normals[draw]
+        below = self._winding(self._points[draw] - offset)
+        above = self._winding(self._points[draw] + offset)
+        jump = float(np.median(below - above))
+        beneath = float(np.median(below)) / jump if jump > 0 else 0.5
+        if max(beneath, 1 - beneath) < LEAST_WINDING:
+            raise InputError(
+                f"The normals of {self.path} enclose nothing (their winding number is {beneath:.2f} below the points "
+                "where 1 was expected): give a closed cloud whose normals all point outwards."
+            )
+        self._areas = self._areas / jump
+        if beneath < 0.5:
+            log.warning("the normals of %s point inwards: they are turned", self.path)
+            self._normals = -self._normals
+        self._expansion = None
+        steady = float(((below / jump > 0.5) == (beneath > 0.5)).mean())
+        if steady < 0.9:
+            log.warning(
+                "%.0f %% of the normals of %s contradict the others: distances there may have the wrong sign",
+                *(100 * (1 - steady), self.path),
+            )
+
+
+def read_points(file: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Points and normals (n, 3) of a file, as they stand there.
+
+    Raises:
+        InputError: if the ending is unknown, the content is damaged, or there are no normals.
+    """
+    if file.suffix.lower() not in FORMATS:
+        raise InputError(
+            f"{file} ends in '{file.suffix}': give points with normals in a file that ends in .ply or .xyz."
+        )
+    if file.stat().st_size == 0:
+        raise InputError(f"{file} is empty: give a file with points and normals in it.")
+    try:
+        rows = _ply_rows(file) if file.suffix.lower() == ".ply" else np.loadtxt(file, ndmin=2, dtype=np.float64)
+    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
+        raise InputError(
+            f"{file} cannot be read as a point cloud ({type(error).__name__}: {str(error)[:80]}): it may be cut short "
+            "or of another format, so export it again."
+        ) from error
+    if rows.shape[1] < 6:
+        raise InputError(
+            f"{file} has no normals: give a cloud with nx, ny and nz for every point (a mesh goes by shape=mesh)."
+        )
+    return rows[:, :3], rows[:, 3:6]
+
+
+def _ply_rows(file: Path) -> np.ndarray:
+    """Columns x, y, z, nx, ny, nz of the vertices, or x, y, z alone."""
+    cloud = trimesh.load(file, process=False)
+    data = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    names = data.dtype.names if isinstance(data, np.ndarray) else list(data)
+    columns = [c for c in ("x", "y", "z", "nx", "ny", "nz") if c in names]
+    return np.stack([np.asarray(data[c], dtype=np.float64).reshape(-1) for c in columns], 1)
+
+
+def clean_points(points: np.ndarray, normals: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct points with unit normals; those without a normal are dropped.
+
+    Raises:
+        InputError: for too few points, numbers that are not finite, or a flat cloud.
+    """
+    if bad := int((~np.isfinite(np.concatenate([points, normals], 1))).any(1).sum()):
+        raise InputError(f"{name} has {bad} points or normals that are not finite numbers: repair or export it again.")
+    length = np.linalg.norm(normals, axis=1)
+    if lost := int((length < 1e-6).sum()):
+        log.warning("%d of %d points of %s have no normal and are left out", lost, len(points), name)
+    points, normals = points[length >= 1e-6], normals[length >= 1e-6] / length[length >= 1e-6, None]
+    points, first = np.unique(points, axis=0, return_index=True)
+    if len(points) < 4 * NEIGHBOURS:
+        raise InputError(
+            f"{name} has {len(points)} distinct points with normals: a shape needs {4 * NEIGHBOURS} or more."
+        )
+    return points, normals[first]
+
+
+def point_areas(tree: cKDTree) -> np.ndarray:
+    """Area (n,) of each point, up to a common factor: π r² / k with r the distance of its k-th neighbour."""
+    distance, _ = tree.query(tree.data, k=NEIGHBOURS + 1)
+    return np.pi * distance[:, -1] ** 2 / NEIGHBOURS

@@ -1,0 +1,139 @@
+"""From any shape to a network that is its signed distance, fitted once and remembered."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import pooch
+import torch
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LRScheduler
+
+from nsm.checkpoint import FORMAT, build, read_checkpoint, write_atomically
+from nsm.errors import InputError
+from nsm.fields import ScalarSiren
+from nsm.losses import WeightedSum
+from nsm.sampling import Box, Fractions, Pools, SdfSampler
+from nsm.shapes import FieldShape, Shape, Similarity, SirenShape
+from nsm.tasks.data import FieldData
+from nsm.tasks.sdf import SdfTask
+
+log = logging.getLogger(__name__)
+
+#: Points by which validation judges a fit.
+_VALIDATION_POINTS = 8000
+
+
+class SdfFit:
+    """How a still shape becomes a network.
+
+    Args:
+        network: makes g, called with ``in_features``.
+        loss: the terms.
+        optimizer, scheduler: see `nsm.tasks.FieldTask`.
+        steps: optimiser steps.
+        size: points in a batch.
+        fractions: how they are divided.
+        pool: points on and around the shape whose targets are computed once.
+        seed: of the weights, the pools and the batches.
+        settings: all of the above as plain values; with the content of the shape, they name the fit in the cache.
+        trainer: makes the trainer of a fit that is needed on the way, called with ``max_steps``.
+    """
+
+    def __init__(
+        self,
+        network: Callable[..., ScalarSiren],
+        loss: WeightedSum,
+        optimizer: Callable[..., Optimizer],
+        scheduler: Callable[..., LRScheduler],
+        steps: int,
+        size: int,
+        fractions: Fractions,
+        pool: int,
+        seed: int,
+        settings: Mapping[str, Any],
+        trainer: Callable[..., L.Trainer],
+    ) -> None:
+        self.network, self.loss = network, loss
+        self.optimizer, self.scheduler = optimizer, scheduler
+        self.steps, self.size, self.fractions, self.pool, self.seed = steps, size, fractions, pool, seed
+        self.settings, self.trainer = dict(settings), trainer
+
+    def prepare(self, shape: Shape) -> tuple[SdfTask, FieldData]:
+        """The task and the data that fit a shape."""
+        pools = draw_pools(shape, self.pool, self.seed)
+        box = Box(shape.dim, 1.0)
+        data = FieldData(
+            SdfSampler(pools, box, self.size, self.fractions),
+            SdfSampler(pools, box, _VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
+            self.seed,
+        )
+        with torch.random.fork_rng():
+            torch.manual_seed(self.seed)
+            network = self.network(in_features=shape.dim)
+        return SdfTask(network, self.loss, self.optimizer, self.scheduler), data
+
+    def __call__(self, shape: Shape) -> SirenShape:
+        """The network of a shape: from the cache if this very fit was made before, else fitted now."""
+        file = cache_folder() / f"{self._key(shape)}.ckpt"
+        if file.is_file():
+            try:
+                return load_shape(file)
+            except InputError:
+                log.warning("the cached fit %s cannot be read and is made again", file)
+        kind = shape.provenance()["kind"]
+        log.info("fitting a network to the %s: %d steps, then kept in %s", kind, self.steps, file.parent)
+        task, data = self.prepare(shape)
+        trainer = self.trainer(
+            max_steps=self.steps, val_check_interval=self.steps, logger=False, enable_checkpointing=False
+        )
+        trainer.fit(task, data)
+        fitted = as_shape(task, shape)
+        content = {"state_dict": {f"shape.{k}": v for k, v in fitted.state_dict().items()}}
+        write_atomically({"nsm": {"format": FORMAT, "model": fitted.config()}, **content}, file)
+        return fitted
+
+    def _key(self, shape: Shape) -> str:
+        settings = json.dumps([FORMAT, shape.content_key(), self.settings], sort_keys=True)
+        return hashlib.sha256(settings.encode()).hexdigest()[:32]
+
+
+def draw_pools(shape: Shape, count: int, seed: int) -> Pools:
+    """Points on and around a shape, with their targets."""
+    generator = torch.Generator().manual_seed(seed)
+    return Pools(shape.surface_samples(count, generator), shape.distance_samples(count, generator))
+
+
+def as_shape(task: SdfTask, shape: Shape) -> SirenShape:
+    """The network of a finished fit, in place of the shape it was fitted to."""
+    provenance = shape.provenance()
+    pose = Similarity.read(provenance["similarity"], shape.dim)
+    origin = {key: value for key, value in provenance.items() if key != "similarity"}
+    return SirenShape.from_network(task.network, pose, origin)
+
+
+def load_shape(file: Path) -> SirenShape:
+    """Read a fit from the cache."""
+    content = read_checkpoint(file)
+    shape = build(content["nsm"]["model"])
+    shape.load_state_dict({k.removeprefix("shape."): v for k, v in content["state_dict"].items()})
+    return shape
+
+
+def realise(shape: Shape, fit: SdfFit) -> FieldShape:
+    """A shape that is a field: itself if it is one already, else the network fitted to it."""
+    return shape if isinstance(shape, FieldShape) else fit(shape)
+
+
+def cache_folder() -> Path:
+    """Where fits are kept: ``NSM_CACHE_DIR`` if set, else the user's cache."""
+    folder = Path(os.environ.get("NSM_CACHE_DIR") or pooch.os_cache("nsm")) / "sdf"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -1,0 +1,86 @@
+"""Training of a morph: f and V together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LRScheduler
+
+from nsm.losses import Evaluation, WeightedSum
+from nsm.metrics import VolumeCurve, even_times, volume_curve
+from nsm.morph import NeuralMorph
+from nsm.sampling import Batch
+from nsm.tasks.base import Collapse, FieldTask
+
+#: A morph whose volume falls below this part of its first one has lost its surface.
+_VANISHED = 0.02
+
+
+class MorphTask(FieldTask):
+    """One optimiser step moves f and V at once; the end shapes stay as they are.
+
+    Validation measures what a user sees, all in units of length:
+    ``val/distance``, the mean distance |f|/‖∇f‖ of f's surface from fixed points of the end shapes;
+    ``val/drift``, the largest change of volume as the displacement of the surface that makes it, |V(t)/V(0) − 1| V(0)^(1/d) / d;
+    and their sum ``val/error``, by which the best checkpoint is chosen.
+
+    Args:
+        morph: the networks and the end shapes.
+        loss: the terms.
+        optimizer, scheduler: see `FieldTask`.
+        volume_resolution: cells along the box at which validation measures volume.
+        volume_times: at how many times.
+    """
+
+    def __init__(
+        self,
+        morph: NeuralMorph,
+        loss: WeightedSum,
+        optimizer: Callable[..., Optimizer],
+        scheduler: Callable[..., LRScheduler],
+        volume_resolution: int = 64,
+        volume_times: int = 11,
+    ) -> None:
+        super().__init__(loss, optimizer, scheduler)
+        self.morph = morph
+        self.volume_resolution, self.volume_times = volume_resolution, volume_times
+        #: The curve of the last validation.
+        self.volume_curve: VolumeCurve | None = None
+        morph.source.requires_grad_(False)
+        morph.target.requires_grad_(False)
+
+    def evaluation(self, batch: Batch) -> Evaluation:
+        """f and V at the points of a batch."""
+        return Evaluation(batch, self.morph.field, self.morph.velocity_field)
+
+    @torch.no_grad()
+    def validation_step(self, batch: Batch, index: int) -> None:
+        """Measure the ends and the volume curve."""
+        on = batch.points[batch.surface]
+        jet = self.morph.field.jet(on)
+        slope = jet.gradient[:, : self.morph.dim].norm(dim=1)
+        distance = (jet.value.abs() / slope).mean()
+        curve = self._measure_volume()
+        drift = curve.maximum_deviation * float(curve.volumes[0]) ** (1 / self.morph.dim) / self.morph.dim
+        self.log_dict(
+            {
+                "val/distance": distance,
+                "val/slope": slope.mean(),
+                "val/volume_std": curve.relative_std,
+                "val/volume_max": curve.maximum_deviation,
+                "val/drift": drift,
+                "val/error": distance + drift,
+            },
+            batch_size=len(on),
+        )
+
+    def _measure_volume(self) -> VolumeCurve:
+        curve = volume_curve(self.morph, even_times(self.volume_times), self.volume_resolution)
+        lost = curve.times[~(curve.volumes > _VANISHED * curve.volumes.max())]
+        if len(lost):
+            raise Collapse(f"the shape has vanished at t = {lost[0]:.2f} by step {self.global_step}")
+        self.volume_curve = curve
+        return curve

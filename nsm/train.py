@@ -1,0 +1,134 @@
+"""``python -m nsm.train``: from two shapes to a morph, or from one shape to its signed distance network."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import torch
+from hydra.core.hydra_config import HydraConfig
+from hydra.utils import instantiate as hydra_instantiate
+from omegaconf import DictConfig, OmegaConf
+
+from nsm import entry
+from nsm.callbacks import Progress, StopOnSignal
+from nsm.checkpoint import build, describe
+from nsm.errors import InputError
+from nsm.recovery import fit_with_recovery, require_same_run
+from nsm.runtime import keep_freed_memory
+from nsm.sampling import Fractions, MorphSampler
+from nsm.tasks import FieldData, FieldTask, MorphTask, as_shape, draw_pools, prepare_ends, starting_network
+from nsm.files import whole_file
+
+log = logging.getLogger(__name__)
+
+#: Points by which validation judges a morph, half of them on each end shape.
+VALIDATION_POINTS = 8000
+#: Makes what a config names, from plain lists and dicts: nothing of the configuration ends up in a checkpoint.
+instantiate = partial(hydra_instantiate, _convert_="all")
+
+
+def main(cfg: DictConfig) -> None:
+    """Train as configured, and write everything into the run's folder."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    config: Any = OmegaConf.to_container(cfg, resolve=True)
+    last = folder / "checkpoints" / "last.ckpt"
+    if cfg.resume:
+        require_same_run(last, config)
+    keep_freed_memory()
+    if cfg.threads:
+        torch.set_num_threads(cfg.threads)
+    L.seed_everything(cfg.seed, verbose=False)
+
+    begin = time.monotonic()
+    prepare = {"morph": _prepare_morph, "sdf": _prepare_sdf}
+    task, data, steps = prepare[cfg.task.kind](cfg, config)
+    prepared = time.monotonic()
+    stop = StopOnSignal()
+
+    def trainer() -> L.Trainer:
+        callbacks = [*instantiate(cfg.callbacks).values(), stop]
+        loggers = [*instantiate(cfg.logger).values()]
+        every = max(1, steps // cfg.validations)
+        return instantiate(cfg.trainer)(max_steps=steps, val_check_interval=every, callbacks=callbacks, logger=loggers)
+
+    done = fit_with_recovery(trainer, task, data, last, resume=bool(cfg.resume))
+    if stop.received:
+        log.warning("stopped at step %d of %d; to go on, repeat the command with hydra.run.dir=%s resume=true",
+                    done.global_step, steps, folder)  # fmt: skip
+        raise SystemExit(128 + stop.received)
+    _summarise(done, folder, prepared - begin, time.monotonic() - prepared)
+
+
+def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
+    source, target = instantiate(cfg.source), instantiate(cfg.target)
+    fit = _fit(cfg, config)
+    ends = prepare_ends(source, target, fit, equal=cfg.equal_volume)
+    dim = ends.source.dim
+    model = {
+        "_target_": "nsm.morph.NeuralMorph",
+        "field": {**config["network"]["field"], "in_features": dim + 1},
+        "velocity": {**config["velocity"], "dim": dim},
+        "source": ends.source.config(),
+        "target": ends.target.config(),
+    }
+    morph = build(model)
+    morph.source.load_state_dict(ends.source.state_dict())
+    morph.target.load_state_dict(ends.target.state_dict())
+    init = instantiate(cfg.init)
+    init(morph.field, starting_network(morph.field, ends.source, fit) if init.needs_source else None)
+
+    sampler = instantiate(cfg.sampler)
+    pools = [draw_pools(shape, sampler["pool"], cfg.seed + i) for i, shape in enumerate((ends.source, ends.target))]
+    box = sampler["box"](dim=dim)
+    data = FieldData(
+        MorphSampler(*pools, box, sampler["time"], sampler["size"], sampler["fractions"]),
+        MorphSampler(*pools, box, sampler["time"], VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
+        cfg.seed,
+    )
+    task = MorphTask(
+        morph,
+        instantiate(cfg.loss),
+        instantiate(cfg.optimizer),
+        instantiate(cfg.scheduler),
+        cfg.task.volume_resolution,
+        cfg.task.volume_times,
+    )
+    task.description = describe(model, config, ends.provenance)
+    return task, data, cfg.steps
+
+
+def _prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
+    shape, fit = instantiate(cfg.source), _fit(cfg, config)
+    task, data = fit.prepare(shape)
+    task.description = describe(as_shape(task, shape).config(), config, {"source": shape.provenance()})
+    return task, data, fit.steps
+
+
+def _fit(cfg: DictConfig, config: dict[str, Any]) -> Any:
+    def trainer(**arguments: Any) -> L.Trainer:
+        return instantiate(cfg.trainer)(callbacks=[Progress("fitting a shape")], **arguments)
+
+    return instantiate(cfg.sdf)(settings=config["sdf"], trainer=trainer)
+
+
+def _summarise(trainer: L.Trainer, folder: Path, preparing: float, training: float) -> None:
+    """Write ``summary.json`` and say where everything is."""
+    figures = {name: float(v) for name, v in trainer.callback_metrics.items() if name.startswith("val/")}
+    summary = {"steps": trainer.global_step, "preparing_s": preparing, "training_s": training, **figures}
+    with whole_file(folder / "summary.json") as temporary:
+        temporary.write_text(json.dumps(summary, indent=2) + "\n")
+    log.info("%d steps in %.0f s, after %.0f s of preparation", trainer.global_step, training, preparing)
+    for file in sorted(
+        p for p in folder.rglob("*") if p.is_file() and not p.relative_to(folder).parts[0].startswith(".")
+    ):
+        log.info("wrote %s", file)
+
+
+if __name__ == "__main__":
+    entry.run(main, "train")

@@ -1,0 +1,74 @@
+"""Meshes as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from nsm.errors import InputError
+from nsm.files import whole_file
+from nsm.geometry.topology import vertex_normals
+from nsm.types import SimplexMesh
+
+
+def write_mesh(path: Path | str, mesh: SimplexMesh, normals: Float[Tensor, "v d"] | None = None) -> None:
+    """Write a surface as PLY (binary), OBJ or STL (binary), by the suffix of ``path``; a 2D curve as OBJ lines.
+
+    PLY and OBJ carry vertex normals. A curve lies in the plane z = 0. A surface that is not there gives a valid file
+    without triangles, so that a sequence has no gaps.
+
+    Args:
+        path: where to write; folders are made.
+        mesh: what to write.
+        normals: unit normals at the vertices (v, d); means of the simplices' by default.
+
+    Raises:
+        InputError: if the suffix is none of the three, or not .obj for a curve, or the file cannot be written.
+    """
+    path = Path(path)
+    dim = mesh.vertices.shape[1]
+    encoders = {".obj": _obj} if dim == 2 else {".ply": _ply, ".obj": _obj, ".stl": _stl}
+    if path.suffix.lower() not in encoders:
+        raise InputError(f"{path.name} names no format for a mesh in {dim}D: let it end in {' or '.join(encoders)}")
+    normals = vertex_normals(mesh) if normals is None else normals
+    arrays = (_in_space(mesh.vertices), mesh.simplices.cpu().numpy(), _in_space(normals))
+    data = encoders[path.suffix.lower()](*arrays)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _in_space(vectors: Tensor) -> np.ndarray:
+    """Vectors (v, 3) in single precision; those of the plane get z = 0."""
+    flat = vectors.detach().cpu().numpy().astype(np.float32)
+    return np.pad(flat, ((0, 0), (0, 3 - flat.shape[1])))
+
+
+def _ply(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray) -> bytes:
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
+    header += [f"element face {len(simplices)}", "property list uchar int vertex_indices", "end_header", ""]
+    faces = np.empty(len(simplices), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, simplices
+    return "\n".join(header).encode() + np.hstack([vertices, normals]).astype("<f4").tobytes() + faces.tobytes()
+
+
+def _stl(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray) -> bytes:
+    corners = vertices[simplices]
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing /= np.linalg.norm(facing, axis=1, keepdims=True).clip(np.finfo(np.float32).tiny)
+    faces = np.zeros(len(simplices), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    faces["normal"], faces["corners"] = facing, corners
+    return bytes(80) + np.uint32(len(simplices)).astype("<u4").tobytes() + faces.tobytes()
+
+
+def _obj(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray) -> bytes:
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
+    if simplices.shape[1] == 2:
+        lines += [f"l {a} {b}" for a, b in (simplices + 1).tolist()]
+    else:
+        lines += [f"vn {x:.6g} {y:.6g} {z:.6g}" for x, y, z in normals.tolist()]
+        lines += [f"f {a}//{a} {b}//{b} {c}//{c}" for a, b, c in (simplices + 1).tolist()]
+    return ("\n".join(lines) + "\n").encode()
