@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Callable
+from functools import wraps
 
 import hydra
 from hydra.errors import HydraException
@@ -25,7 +27,7 @@ def run(main: Callable[[DictConfig], None], config_name: str) -> None:
     """Run a command with its composed configuration.
 
     An `InputError`, an error of the configuration, or a folder that cannot be written ends it with one sentence and
-    status 2; anything else is a defect and keeps its traceback.
+    status 2; anything else is a defect and keeps its traceback. In a multirun the other runs go on.
 
     Args:
         main: the command; it gets the configuration, which it may not change.
@@ -33,14 +35,32 @@ def run(main: Callable[[DictConfig], None], config_name: str) -> None:
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # or Hydra prints the traceback itself and exits
     _quieten()
+    refused: list[str] = []
+
+    @wraps(main)
+    def tell(cfg: DictConfig) -> None:
+        try:
+            main(cfg)
+        except Exception as error:
+            refused.append(_tell(error))
+
     try:
-        hydra.main(config_path=str(CONF), config_name=config_name, version_base="1.3")(main)()
+        hydra.main(config_path=str(CONF), config_name=config_name, version_base="1.3")(tell)()
     except Exception as error:
-        sentence = _sentence(error)
-        if sentence is None:
-            raise
-        Console(stderr=True, soft_wrap=True).print(f"[bold red]nsm:[/] {_escaped(sentence)}", highlight=False)
+        refused.append(_tell(error))
+    except KeyboardInterrupt:
+        sys.exit(128 + signal.SIGINT)
+    if refused:
         sys.exit(REFUSED)
+
+
+def _tell(error: Exception) -> str:
+    """Print the sentence of an error and return it, or raise the error again if it has none."""
+    sentence = _sentence(error)
+    if sentence is None:
+        raise error
+    Console(stderr=True, soft_wrap=True).print(f"[bold red]nsm:[/] {_escaped(sentence)}", highlight=False)
+    return sentence
 
 
 def _sentence(error: BaseException) -> str | None:
@@ -71,5 +91,6 @@ def _quieten() -> None:
         ".*does not have many workers.*",
         ".*`IterableDataset` has `__len__`.*",
         ".*exists and is not empty.*",
+        ".*treespec, LeafSpec.*",
     ):
         warnings.filterwarnings("ignore", message)

@@ -41,15 +41,17 @@ def fit_with_recovery(
     """
     start = copy.deepcopy(task.state_dict())
     begun = resume and last.is_file()
+    stale = None if begun else _written(last)
     try:
         return _fit(trainer(), task, data, last if begun else None)
     except Collapse as collapse:
         task.step_scale *= SMALLER_STEP
-        good = last if last.is_file() else None
+        good = last if _written(last) != stale else None
         where = "the last good checkpoint" if good else "the beginning"
         log.warning("%s: going back to %s with %g of the learning rate", collapse, where, SMALLER_STEP)
         if good is None:
             task.load_state_dict(start)
+        task.train()  # a validation may have broken off
     try:
         return _fit(trainer(), task, data, good)
     except Collapse as collapse:
@@ -70,6 +72,11 @@ def require_same_run(last: Path, config: dict[str, Any]) -> None:
             f"{last} was written with another {', '.join(changed[:3])}: repeat the command it was started with, plus "
             "resume=true, or choose another hydra.run.dir"
         )
+
+
+def _written(file: Path) -> int | None:
+    """When a file was written, in ns, or None if it is not there; a folder may hold the last one of an older run."""
+    return file.stat().st_mtime_ns if file.is_file() else None
 
 
 def _fit(trainer: L.Trainer, task: FieldTask, data: FieldData, checkpoint: Path | None) -> L.Trainer:

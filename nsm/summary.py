@@ -21,7 +21,8 @@ class SweepSummary(Callback):
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Write and print the table."""
         folder = Path(config.hydra.sweep.dir)
-        runs = {f.parent.name: json.loads(f.read_text()) for f in sorted(folder.glob("*/summary.json"), key=_number)}
+        files = sorted((f.relative_to(folder) for f in folder.rglob("summary.json")), key=_number)
+        runs = {str(f.parent): json.loads((folder / f).read_text()) for f in files}
         if not runs:
             return
         columns = list(dict.fromkeys(name for figures in runs.values() for name in figures))
@@ -40,5 +41,5 @@ class SweepSummary(Callback):
 
 def _number(file: Path) -> tuple[int, str]:
     """Runs in the order of their job numbers, which their folders' names begin with."""
-    head = file.parent.name.partition("_")[0]
-    return (int(head) if head.isdigit() else 1 << 30, file.parent.name)
+    head = file.parts[0].partition("_")[0]
+    return (int(head) if head.isdigit() else 1 << 30, str(file))

@@ -37,6 +37,8 @@ def main(cfg: DictConfig) -> None:
     """Train as configured, and write everything into the run's folder."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     config: Any = OmegaConf.to_container(cfg, resolve=True)
+    prepare = {"morph": _prepare_morph, "sdf": _prepare_sdf}
+    _require_sensible(cfg, tuple(prepare))
     last = folder / "checkpoints" / "last.ckpt"
     if cfg.resume:
         require_same_run(last, config)
@@ -46,7 +48,6 @@ def main(cfg: DictConfig) -> None:
     L.seed_everything(cfg.seed, verbose=False)
 
     begin = time.monotonic()
-    prepare = {"morph": _prepare_morph, "sdf": _prepare_sdf}
     task, data, steps = prepare[cfg.task.kind](cfg, config)
     prepared = time.monotonic()
     stop = StopOnSignal()
@@ -62,7 +63,20 @@ def main(cfg: DictConfig) -> None:
         log.warning("stopped at step %d of %d; to go on, repeat the command with hydra.run.dir=%s resume=true",
                     done.global_step, steps, folder)  # fmt: skip
         raise SystemExit(128 + stop.received)
+    if not done.callback_metrics:
+        log.info("the run in %s has made its %d steps already", folder, steps)
+        return
     _summarise(done, folder, prepared - begin, time.monotonic() - prepared)
+
+
+def _require_sensible(cfg: DictConfig, kinds: tuple[str, ...]) -> None:
+    """Raise an `InputError` for what would fail late or never end."""
+    if cfg.task.kind not in kinds:
+        raise InputError(f"task.kind={cfg.task.kind} is no task: give task={' or task='.join(kinds)}")
+    for name in ("steps", "validations", "sampler.size", "sampler.pool", "sdf.steps", "sdf.size", "sdf.pool"):
+        count = OmegaConf.select(cfg, name)
+        if not isinstance(count, int) or count < 1:
+            raise InputError(f"{name}={count} is no number of things to do: give a whole number of at least 1")
 
 
 def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:

@@ -44,6 +44,7 @@ MAKERS: dict[str, Callable[[], Primitive]] = {
     "stadium": lambda: Capsule(0.2, 0.6, [0, 0.1], TURNED),
     "torus": lambda: Torus(0.4, 0.15, [0, 0.1, 0], TILTED),
     "polygon": lambda: Polygon(ARROW, TURNED),
+    "polygon clockwise": lambda: Polygon(ARROW[::-1]),
     "two cylinders": lambda: Union([Cylinder(0.2, 0.6, [-0.5, 0, 0]), Cylinder(0.2, 0.6, [0.5, 0, 0])], TILTED),
 }
 
@@ -275,9 +276,9 @@ class TestDownload:
             fetch("meshes/a.obj")
 
     def test_unknown_names(self, one_file) -> None:
-        with pytest.raises(InputError, match="did you mean meshes/a.obj"):
+        with pytest.raises(InputError, match=r"did you mean meshes/a\.obj"):
             fetch("meshes/b.obj")
-        with pytest.raises(InputError, match="no file nothing.xyz"):
+        with pytest.raises(InputError, match=r"no file nothing\.xyz"):
             resolve("nothing.xyz")
         with pytest.raises(InputError, match="is a folder"):
             resolve(one_file.parent)

@@ -27,11 +27,17 @@ class StopOnSignal(L.Callback):
 
         def stop(number: int, frame: FrameType | None) -> None:
             self.received = signal.Signals(number)
-            trainer.should_stop = True
             self._give_back()
 
         for number in (signal.SIGINT, signal.SIGTERM):
             self._before[number] = signal.signal(number, stop)
+
+    def on_train_batch_end(
+        self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Stop where an optimiser step is complete, and no gradient of a further batch is waiting."""
+        if self.received and (batch_idx + 1) % trainer.accumulate_grad_batches == 0:
+            trainer.should_stop = True
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Give the signals back."""

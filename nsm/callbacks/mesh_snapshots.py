@@ -16,9 +16,12 @@ from nsm.geometry.meshing import extract_surface
 from nsm.types import Morph, SimplexMesh
 from nsm.writers import write_mesh
 
+#: The format of a surface and of a curve.
+_SUFFIXES = {3: ".ply", 2: ".obj"}
+
 
 class MeshSnapshots(L.Callback):
-    """Writes ``meshes/step_<step>/t_<time>.ply`` at validations, and gives the meshes to wandb where it is used.
+    """Writes ``meshes/step_<step>/t_<time>.ply`` (in 2D ``.obj``) at validations, and gives the meshes to wandb.
 
     Args:
         folder: where ``meshes`` goes.
@@ -41,7 +44,7 @@ class MeshSnapshots(L.Callback):
         if self._validations % self.every and trainer.global_step < trainer.max_steps:
             return
         for time in self.times:
-            file = self.folder / f"step_{trainer.global_step:06d}" / f"t_{time:.3f}.ply"
+            file = self.folder / f"step_{trainer.global_step:06d}" / f"t_{time:.3f}{_SUFFIXES[morph.dim]}"
             mesh = save_frame(morph, time, file, self.resolution)
             for logger in trainer.loggers:
                 if isinstance(logger, WandbLogger):

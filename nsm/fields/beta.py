@@ -6,6 +6,7 @@ Every β is smooth, even, non-negative, and has β(0) = β'(0) = 0: that is all 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from math import inf
 
 import torch
 from torch import Tensor, nn
@@ -98,6 +99,6 @@ class Quadratic(Beta):
 
 
 def _positive(name: str, value: float) -> float:
-    if not value > 0:
-        raise InputError(f"beta.{name}={value} would make β vanish or grow negative: give a number above 0")
+    if not 0 < value < inf:
+        raise InputError(f"beta.{name}={value} makes no β that vanishes at 0 alone: give a finite number above 0")
     return float(value)

@@ -101,7 +101,7 @@ def sample_band(field: SignedDistance, lattice: Lattice) -> Band:
         values[where] = evaluate(field, lattice.points(fine)).to(values.dtype)
         known[where] = True
         done |= fresh
-        wanted = done | _reached(values, known, near, blocks)
+        wanted = done | _reached(values, coarse, fresh, done, near)
     return Band(values, known)
 
 
@@ -144,17 +144,27 @@ def _spread(coarse: Tensor, shape: tuple[int, ...]) -> Tensor:
     return fine.clone()
 
 
-def _reached(values: Tensor, known: Tensor, near: Tensor | float, blocks: tuple[int, ...]) -> Tensor:
-    """Blocks (as a mask) with an unknown point beside a known one that the surface may pass."""
-    reached = torch.zeros(blocks, dtype=torch.bool, device=values.device)
-    rim = known & (values.abs() <= near)
-    for axis, forward in product(range(values.ndim), (True, False)):
-        n = values.shape[axis] - 1
-        here, there = (0, 1) if forward else (1, 0)
-        known_side = known.narrow(axis, here, n)
-        crossed = (values.narrow(axis, 0, n) < 0) != (values.narrow(axis, 1, n) < 0)
-        touched = ~known.narrow(axis, there, n) & (rim.narrow(axis, here, n) | (known_side & crossed))
-        index = touched.nonzero()
-        index[:, axis] += there
-        reached[tuple((index // BLOCK).T)] = True
+def _reached(values: Tensor, coarse: Tensor, fresh: Tensor, done: Tensor, near: Tensor | float) -> Tensor:
+    """Blocks (as a mask), not sampled yet, that the surface may enter from one sampled just now.
+
+    It may where a point on the face between them is near zero, or has not the sign of the middle of the other block.
+    """
+    dim = values.ndim
+    offsets = _indices((BLOCK,) * dim, values.device)
+    last = torch.tensor(values.shape, device=values.device) - 1
+    blocks = fresh.nonzero()
+    reached = torch.zeros_like(done)
+    for axis, forward in product(range(dim), (True, False)):
+        face = offsets[offsets[:, axis] == (BLOCK - 1 if forward else 0)]
+        beside = blocks.clone()
+        beside[:, axis] += 1 if forward else -1
+        there = (beside[:, axis] >= 0) & (beside[:, axis] < done.shape[axis])
+        here, beside = blocks[there], beside[there]
+        unknown = ~done[tuple(beside.T)]
+        here, beside = here[unknown], beside[unknown]
+        points = torch.minimum(here[:, None] * BLOCK + face, last)
+        on_face = values[tuple(points.movedim(-1, 0))]
+        crossed = (on_face < 0) != (coarse[tuple(beside.T)] < 0)[:, None]
+        touched = ((on_face.abs() <= near) | crossed).any(1)
+        reached[tuple(beside[touched].T)] = True
     return reached

@@ -117,7 +117,7 @@ def table(runs: Mapping[str, Mapping[str, float | None]], title: str | None = No
         title: heading.
     """
     out = Table(title=title)
-    out.add_column("figure")
+    out.add_column("figure", no_wrap=True)
     for name in runs:
         out.add_column(name, justify="right")
     rows = dict.fromkeys(key for figures in runs.values() for key in figures)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from nsm.errors import InputError
 from nsm.sampling.domain import Box, UniformTime
 from nsm.sampling.pools import Pools
 
@@ -47,6 +48,13 @@ class Fractions:
 
     surface: float = 0.25
     ambient: float = 0.25
+
+    def __post_init__(self) -> None:
+        if not (self.surface >= 0 and self.ambient >= 0 and self.surface + self.ambient <= 1):
+            raise InputError(
+                f"sampler.fractions has surface={self.surface} and ambient={self.ambient}: give two parts of 1, such "
+                "as 0.25 and 0.25"
+            )
 
     def counts(self, size: int) -> tuple[int, int, int]:
         """Numbers of surface, ambient and interior points in a batch of ``size``."""

@@ -30,6 +30,8 @@ FORMATS = (".ply", ".xyz")
 NEIGHBOURS = 12
 #: Within so many radii of its disc the nearest point tells the side; beyond, the winding number does.
 NEAR_RADII = 4.0
+#: Least fall of the winding number across the points: about 1 where neighbours agree, and near 0 where they do not.
+LEAST_JUMP = 0.3
 
 
 class PointCloud(FileShape):
@@ -127,10 +129,10 @@ class PointCloud(FileShape):
         above = self._winding(self._points[draw] + offset)
         jump = float(np.median(below - above))
         beneath = float(np.median(below)) / jump if jump > 0 else 0.5
-        if max(beneath, 1 - beneath) < LEAST_WINDING:
+        if jump < LEAST_JUMP or max(beneath, 1 - beneath) < LEAST_WINDING:
             raise InputError(
-                f"The normals of {self.path} enclose nothing (their winding number is {beneath:.2f} below the points "
-                "where 1 was expected): give a closed cloud whose normals all point outwards."
+                f"The normals of {self.path} enclose nothing (their winding number falls by {jump:.2f} across the "
+                "points, where 1 is right): give a closed cloud whose normals all point outwards."
             )
         self._areas = self._areas / jump
         if beneath < 0.5:

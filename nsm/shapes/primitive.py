@@ -247,20 +247,29 @@ class Polygon(Primitive):
         a = p.new_tensor(self.vertices)
         edge = a.roll(-1, 0) - a
         w = p[:, None] - a
-        along = ((w * edge).sum(2) / edge.square().sum(1)).clamp(0, 1)
-        distance = (w - along[:, :, None] * edge).norm(dim=2).amin(1)
+        along = (w * edge).sum(2) / edge.square().sum(1)
+        distances = (w - along.clamp(0, 1)[:, :, None] * edge).norm(dim=2)
+        nearest = distances.argmin(1, keepdim=True)
+        to_corner = distances.gather(1, nearest)[:, 0]
         # a ray in direction +x crosses an edge that spans the height of the point and lies to its right
+        left = edge[:, 0] * w[:, :, 1] - edge[:, 1] * w[:, :, 0]
         spans = (w[:, :, 1] >= 0) != (w[:, :, 1] - edge[:, 1] >= 0)
-        left = (edge[:, 0] * w[:, :, 1] - edge[:, 1] * w[:, :, 0]) * edge[:, 1].sign() > 0
-        inside = (spans & left).sum(1) % 2 == 1
-        return torch.where(inside, -distance, distance)
+        inside = (spans & (left * edge[:, 1].sign() > 0)).sum(1) % 2 == 1
+        # beside an edge the signed height above it is the distance too, and has a gradient where it is zero
+        height = -math.copysign(1, self._signed_area()) * (left / edge.norm(dim=1)).gather(1, nearest)[:, 0]
+        beside = along.gather(1, nearest)[:, 0]
+        return torch.where((beside > 0) & (beside < 1), height, torch.where(inside, -to_corner, to_corner))
 
     def support(self, u: Tensor) -> Tensor:
         return (u @ u.new_tensor(self.vertices).T).amax(1)
 
     def own_volume(self) -> float:
+        return abs(self._signed_area())
+
+    def _signed_area(self) -> float:
+        """Area by the shoelace formula, positive if the corners go round counter-clockwise."""
         pairs = zip(self.vertices, self.vertices[1:] + self.vertices[:1], strict=True)
-        return abs(sum(ax * by - ay * bx for (ax, ay), (bx, by) in pairs)) / 2
+        return sum(ax * by - ay * bx for (ax, ay), (bx, by) in pairs) / 2
 
 
 class Union(Primitive):

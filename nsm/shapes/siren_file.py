@@ -230,7 +230,7 @@ def _probe(network: ScalarSiren, name: str, omega: float) -> Float[Tensor, "n d"
     if bool(outer.any()):
         least = float(values[outer].min())
         raise InputError(
-            f"{name} read at omega={omega:g} reaches the faces of [-1, 1]^{dim} (its least value there is "
-            f"{least:.3g}), so its surface is cut: give a network whose shape lies inside, or the omega it was trained with."
+            f"{name} read at omega={omega:g} reaches the faces of [-1, 1]^{dim} (its least value is {least:.3g}), "
+            "so its surface is cut: give a network whose shape lies inside, or the omega it was trained with."
         )
     return points[jet.value.abs() < 0.01 * cell]

@@ -55,6 +55,11 @@ class FieldTask(L.LightningModule):
         self.log("train/loss", total.detach(), prog_bar=True)
         return total
 
+    def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:
+        """Let the last step be validated, wherever it lies between two validations."""
+        if self.global_step >= self.trainer.max_steps:
+            self.trainer.should_stop = True
+
     def configure_optimizers(self) -> Any:
         """One optimiser for all parameters, so that one step moves every network at once."""
         optimizer = self.optimizer([p for p in self.parameters() if p.requires_grad])

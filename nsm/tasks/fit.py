@@ -94,7 +94,8 @@ class SdfFit:
         trainer = self.trainer(
             max_steps=self.steps, val_check_interval=self.steps, logger=False, enable_checkpointing=False
         )
-        trainer.fit(task, data)
+        with torch.random.fork_rng():  # what follows is drawn alike whether the fit was made now or before
+            trainer.fit(task, data)
         fitted = as_shape(task, shape)
         content = {"state_dict": {f"shape.{k}": v for k, v in fitted.state_dict().items()}}
         write_atomically({"nsm": {"format": FORMAT, "model": fitted.config()}, **content}, file)

@@ -31,7 +31,7 @@ _FLOOR_LEAST = 0.12
 
 
 class Camera(NamedTuple):
-    """Looks at ``centre`` from ``direction``; ``radius`` around the centre fills the picture, ``floor`` lies below."""
+    """Looks at ``centre`` from ``direction``; ``radius`` to its left and right fills the picture."""
 
     centre: np.ndarray
     radius: float
@@ -39,6 +39,8 @@ class Camera(NamedTuple):
     up: np.ndarray
     #: Height of the floor along ``up``.
     floor: float
+    #: Height of the picture as a share of its width.
+    aspect: float = 1.0
 
     @property
     def axes(self) -> np.ndarray:
@@ -83,18 +85,20 @@ class Scene:
 
 
 def render(scene: Scene | None, camera: Camera, size: int, colour: tuple[float, float, float]) -> np.ndarray:
-    """Picture (size, size, 3) of a scene in 0 … 1, sRGB; of the bare floor where there is none.
+    """Picture (aspect · size, size, 3) of a scene in 0 … 1, sRGB; of the bare floor where there is none.
 
     Args:
         scene: what to show.
         camera: from where.
-        size: pixels along an edge.
+        size: pixels across.
         colour: of the surface, linear RGB in 0 … 1.
     """
+    height = max(1, round(size * camera.aspect))
     if scene is None:
-        return np.ones((size, size, 3), dtype=np.float32)
+        return np.ones((height, size, 3), dtype=np.float32)
     rng = np.random.default_rng(0)  # the same noise in every picture: a strip does not flicker
-    origins, direction = _view_rays(camera, size * _SUPERSAMPLES, rng)
+    origins, direction = _view_rays(camera, (height * _SUPERSAMPLES, size * _SUPERSAMPLES), rng)
+    origins = origins.reshape(-1, 3)
     directions = np.broadcast_to(direction, origins.shape).astype(np.float32)
     light = np.ones((len(origins), 3), dtype=np.float32)
 
@@ -103,8 +107,9 @@ def render(scene: Scene | None, camera: Camera, size: int, colour: tuple[float, 
     light[mask] = np.asarray(colour) * _shade(scene, camera, points, normals, rng)[:, None]
 
     if direction @ camera.up < 0:
-        light[~mask] = _floor(scene, camera, origins, direction, mask, rng)[:, None]
-    pixels = light.reshape(size, _SUPERSAMPLES, size, _SUPERSAMPLES, 3).mean((1, 3))
+        hidden = mask.reshape(height * _SUPERSAMPLES, size * _SUPERSAMPLES)
+        light[~mask] = _floor(scene, camera, origins[~mask], direction, hidden, rng)[:, None]
+    pixels = light.reshape(height, _SUPERSAMPLES, size, _SUPERSAMPLES, 3).mean((1, 3))
     return np.clip(pixels, 0, 1) ** (1 / 2.2)
 
 
@@ -116,31 +121,43 @@ def _floor(
     hidden: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Light of the floor where it is not ``hidden``: white paper, darker under the surface, white again at the rim."""
-    count = round(len(origins) ** 0.5)
+    """Light of the floor where it is not ``hidden``: white paper, darker under the surface, white again at the rim.
+
+    Args:
+        scene: what throws the shadow.
+        camera: from where.
+        origins: of the rays that see the floor (n, 3).
+        direction: of all rays.
+        hidden: (rows, columns), where rays do not see the floor; n of them do.
+        rng: noise.
+
+    Returns:
+        Light (n,) in 0 … 1.
+    """
     up = camera.up / np.linalg.norm(camera.up)
-    height = (camera.floor - origins[~hidden] @ up) / (direction @ up)
-    ground = (origins[~hidden] + height[:, None] * direction).astype(np.float32)
-    openness = np.zeros((count, count))
-    seen = ~hidden.reshape(count, count)
+    depth = (camera.floor - origins @ up) / (direction @ up)
+    ground = (origins + depth[:, None] * direction).astype(np.float32)
+    seen = ~hidden
+    openness = np.zeros(seen.shape)
     openness[seen] = _openness(scene, camera, ground, np.broadcast_to(up, ground.shape), rng, _FLOOR_RAYS)
-    width = _FLOOR_BLUR * count
+    width = _FLOOR_BLUR * seen.shape[1]
     smooth = gaussian_filter(openness, width) / gaussian_filter(seen.astype(float), width).clip(1e-6)
     shadow = np.clip(1 - smooth - _FLOOR_LEAST, 0, None) / (1 - _FLOOR_LEAST)
-    rim = np.clip((1 - np.abs(np.linspace(-1, 1, count))) / 0.4, 0, 1)
-    rim = rim**2 * (3 - 2 * rim)
-    return 1 - _FLOOR_SHADOW * (np.sqrt(rim[:, None]) * rim * shadow)[seen]
+    down, across = (np.clip((1 - np.abs(np.linspace(-1, 1, count))) / 0.4, 0, 1) for count in seen.shape)
+    rim = (np.sqrt(3 - 2 * down) * down)[:, None] * (across**2 * (3 - 2 * across))
+    return 1 - _FLOOR_SHADOW * (rim * shadow)[seen]
 
 
-def _view_rays(camera: Camera, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Origins (count², 3) of parallel rays, jittered within their cells, row by row from above, and their direction."""
+def _view_rays(camera: Camera, shape: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Origins (rows, columns, 3) of parallel rays, jittered within their cells, from above down, and their direction."""
     right, up, toward = camera.axes
-    jitter = rng.random((2, count, count))
-    across = (np.arange(count)[None, :] + jitter[0]) / count * 2 - 1
-    along = 1 - (np.arange(count)[:, None] + jitter[1]) / count * 2
+    rows, columns = shape
+    jitter = rng.random((2, rows, columns))
+    across = (np.arange(columns)[None, :] + jitter[0]) / columns * 2 - 1
+    along = camera.aspect * (1 - (np.arange(rows)[:, None] + jitter[1]) / rows * 2)
     plane = across[..., None] * right + along[..., None] * up
     origins = camera.centre + camera.radius * (plane + 4 * toward)
-    return origins.reshape(-1, 3).astype(np.float32), -toward.astype(np.float32)
+    return origins.astype(np.float32), -toward.astype(np.float32)
 
 
 def _shade(

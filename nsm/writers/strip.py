@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from torch import Tensor
 from torch.nn.functional import normalize
 
 from nsm.errors import InputError
@@ -24,6 +25,9 @@ from nsm.writers.raytrace import Camera, Scene, render
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
 #: Linear RGB of surfaces: a light clay that leaves room for shadows.
 _CLAY = (0.40, 0.56, 0.84)
+_DPI = 200
+#: A row of a strip: height of its pictures as a share of their width, and what draws each of them.
+Tiles = tuple[float, list[Callable[[Axes], object]]]
 
 
 def render_strip(
@@ -44,7 +48,7 @@ def render_strip(
         path: the picture; its suffix chooses the format (.png, .pdf).
         morphs: one morph, or several of the same dimension by name; names are written beside the rows.
         times: of the columns.
-        size: pixels along an edge of one picture.
+        size: pixels across one picture.
         resolution: cells along the box for the surfaces.
         up: which way is up (3D).
         view: where the viewer stands (3D).
@@ -59,28 +63,15 @@ def render_strip(
             f"a strip shows morphs of one dimension at one time or more, not of dimensions {sorted(dims)} at "
             f"{len(times)} times: draw them separately"
         )
-    margin = 0.3 if any(rows) else 0.0
-    tile = size / 200
-    figure = Figure(figsize=(tile * len(times) + margin, tile * len(rows) + 0.3), dpi=200)
-    FigureCanvasAgg(figure)
-    grid = figure.subplots(
-        len(rows),
-        len(times),
-        squeeze=False,
-        gridspec_kw={
-            "left": margin / figure.get_figwidth(),
-            "right": 1,
-            "top": 1,
-            "bottom": 0.3 / figure.get_figheight(),
-            "wspace": 0,
-            "hspace": 0,
-        },
-    )
-    for axes, (name, morph) in zip(grid, rows.items(), strict=True):
-        if morph.dim == 3:
-            _draw_surfaces(axes, morph, times, size, resolution, np.asarray(up, float), np.asarray(view, float))
-        else:
-            _draw_shapes(axes, morph, times, resolution)
+    draw = _surfaces if dims == {3} else _shapes
+    tiles = [draw(morph, times, size, resolution, Pose(up, view)) for morph in rows.values()]
+    figure, grid = _figure(tiles, len(times), size, bool(any(rows)))
+    for axes, name, (_, row) in zip(grid, rows, tiles, strict=True):
+        for axis, fill in zip(axes, row, strict=True):
+            fill(axis)
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.spines[:].set_visible(False)
         axes[0].set_ylabel(name, fontsize=8)
     for axis, time in zip(grid[-1], times, strict=True):
         axis.set_xlabel(f"t = {time:.3g}", fontsize=8)
@@ -88,15 +79,34 @@ def render_strip(
         figure.savefig(temporary, facecolor="white")
 
 
-def _draw_surfaces(
-    row: np.ndarray, morph: Morph, times: Sequence[float], size: int, resolution: int, up: np.ndarray, view: np.ndarray
-) -> None:
+class Pose(NamedTuple):
+    """Which way is up, and where the viewer stands."""
+
+    up: Sequence[float]
+    view: Sequence[float]
+
+
+def _figure(tiles: Sequence[Tiles], columns: int, size: int, named: bool) -> tuple[Figure, np.ndarray]:
+    """A figure whose axes (rows, columns) have the size of the tiles to the pixel, with room for names and times."""
+    margin = 0.3 if named else 0.0
+    width = columns * size / _DPI
+    heights = [round(size * aspect) / _DPI for aspect, _ in tiles]
+    figure = Figure(figsize=(width + margin, sum(heights) + 0.3), dpi=_DPI)
+    FigureCanvasAgg(figure)
+    edges = {"left": margin / (width + margin), "right": 1, "top": 1, "bottom": 0.3 / (sum(heights) + 0.3)}
+    ratios = {"height_ratios": heights, "wspace": 0, "hspace": 0}
+    return figure, figure.subplots(len(tiles), columns, squeeze=False, gridspec_kw=edges | ratios)
+
+
+def _surfaces(morph: Morph, times: Sequence[float], size: int, resolution: int, pose: Pose) -> Tiles:
+    """One rendered picture a time."""
     meshes = [extract_surface(partial(morph, t=time), morph.bounds, resolution) for time in times]
-    camera = _camera(meshes, up, view)
-    for axis, mesh, time in zip(row, meshes, times, strict=True):
-        scene = _scene(mesh, morph, time) if len(mesh.simplices) else None
-        axis.imshow(render(scene, camera, size, _CLAY), interpolation="none")
-        _bare(axis)
+    camera = _camera(meshes, np.asarray(pose.up, float), np.asarray(pose.view, float))
+    scenes = (
+        _scene(mesh, morph, time) if len(mesh.simplices) else None for mesh, time in zip(meshes, times, strict=True)
+    )
+    pictures = [render(scene, camera, size, _CLAY) for scene in scenes]
+    return camera.aspect, [partial(Axes.imshow, X=picture, interpolation="none", aspect="auto") for picture in pictures]
 
 
 def _scene(mesh: SimplexMesh, morph: Morph, time: float) -> Scene:
@@ -114,29 +124,28 @@ def _camera(meshes: Sequence[SimplexMesh], up: np.ndarray, view: np.ndarray) -> 
     seen = points @ camera.axes.T
     lowest, highest = seen.min(0), seen.max(0)
     centre = (lowest + highest) / 2 @ camera.axes
-    return camera._replace(centre=centre, radius=float((highest - lowest)[:2].max() / 2 * 1.15))
+    # a margin around, of which the floor in front needs more than the air above
+    width, height = (highest - lowest)[:2] / 2
+    radius = 1.15 * max(width, 0.7 * height)
+    aspect = float((1.08 * height + 0.12 * radius) / radius)
+    return camera._replace(centre=centre, radius=float(radius), aspect=aspect)
 
 
-def _draw_shapes(row: np.ndarray, morph: Morph, times: Sequence[float], resolution: int) -> None:
-    """Insides filled, the zero set as a strong line, other level sets as faint ones."""
+def _shapes(morph: Morph, times: Sequence[float], size: int, resolution: int, pose: Pose) -> Tiles:
+    """Insides filled, the zero set as a strong line, other level sets as faint ones; one drawing a time."""
     lattice = Lattice.corners(morph.bounds, resolution)
     ticks = [torch.arange(n, device=morph.bounds.device) for n in lattice.shape]
-    index = torch.stack(torch.meshgrid(*ticks, indexing="ij"), -1)
-    points = lattice.points(index)
-    x, y = points.cpu().unbind(-1)
-    spacing = float((morph.bounds[1] - morph.bounds[0]).max()) / 20
-    for axis, time in zip(row, times, strict=True):
-        values: Tensor = evaluate(partial(morph, t=time), points.view(-1, 2)).view(lattice.shape).cpu()
-        axis.contourf(x, y, values, levels=[-1e9, 0], colors=["#C9DCF3"])
-        levels = spacing * torch.arange(-20, 21)
-        axis.contour(x, y, values, levels=levels[levels != 0].tolist(), colors="0.82", linewidths=0.4, linestyles="-")
+    points = lattice.points(torch.stack(torch.meshgrid(*ticks, indexing="ij"), -1))
+    width, height = (morph.bounds[1] - morph.bounds[0]).tolist()
+    steps = max(width, height) / 20 * torch.arange(-20, 21)
+    levels = steps[steps != 0].tolist()
+
+    def fill(axis: Axes, time: float) -> None:
+        values = evaluate(partial(morph, t=time), points.view(-1, 2)).view(lattice.shape).cpu()
+        place = points.cpu().unbind(-1)
+        axis.contourf(*place, values, levels=[-1e9, 0], colors=["#C9DCF3"])
+        axis.contour(*place, values, levels=levels, colors="0.82", linewidths=0.4, linestyles="-")
         if float(values.min()) < 0 < float(values.max()):
-            axis.contour(x, y, values, levels=[0.0], colors="#1F5FA8", linewidths=1.6)
-        axis.set_aspect("equal")
-        _bare(axis)
+            axis.contour(*place, values, levels=[0.0], colors="#1F5FA8", linewidths=1.6)
 
-
-def _bare(axis) -> None:
-    axis.set_xticks([])
-    axis.set_yticks([])
-    axis.spines[:].set_visible(False)
+    return height / width, [partial(fill, time=time) for time in times]

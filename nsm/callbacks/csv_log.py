@@ -1,0 +1,51 @@
+"""Figures of training as a table."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+from lightning.fabric.loggers.logger import rank_zero_experiment
+from lightning.pytorch.loggers import CSVLogger
+from lightning.pytorch.utilities.rank_zero import rank_zero_only
+
+
+class CsvLog(CSVLogger):
+    """Lightning's ``metrics.csv``, which training that goes on after a stop or a collapse continues.
+
+    Rows of steps that are made again are replaced; Lightning itself deletes the file.
+    """
+
+    _before: list[dict[str, Any]] = []  # noqa: RUF012 (never changed in place)
+
+    @property
+    @rank_zero_experiment
+    def experiment(self) -> Any:
+        """The writer of the file."""
+        if self._experiment is None:
+            file = Path(self.log_dir) / "metrics.csv"
+            if file.is_file():
+                with file.open(newline="") as rows:
+                    self._before = list(csv.DictReader(rows))
+        return super().experiment
+
+    @rank_zero_only
+    def log_metrics(self, metrics: Any, step: int | None = None) -> None:
+        """Add a row; before the first one, those of earlier steps."""
+        if step is not None:
+            self._keep_before(step)
+        super().log_metrics(metrics, step)
+
+    @rank_zero_only
+    def finalize(self, status: str) -> None:
+        """Write what is left, also where nothing was logged."""
+        self._keep_before(None)
+        super().finalize(status)
+
+    def _keep_before(self, step: int | None) -> None:
+        writer, before = self.experiment, self._before
+        if before:
+            self._before = []
+            writer.metrics.extend(row for row in before if step is None or int(row["step"]) < step)
+            self.save()

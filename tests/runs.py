@@ -1,0 +1,79 @@
+"""Small runs: what the tests of configuration and training have in common."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig, OmegaConf
+
+from nsm import entry, train
+from nsm.configuration import CONF
+
+#: Networks, batches and grids so small that a run takes a second. The shapes come out rough.
+TINY = (
+    "network.field.hidden_features=16",
+    "network.field.hidden_layers=2",
+    "network.field.omega=8",
+    "network.velocity.hidden_features=16",
+    "network.velocity.hidden_layers=2",
+    "sampler.size=200",
+    "sampler.pool=500",
+    "sdf.size=200",
+    "sdf.pool=500",
+    "sdf.steps=120",
+    "task.volume_resolution=16",
+    "task.volume_times=3",
+    "callbacks.meshes.resolution=12",
+    "callbacks.strip.size=24",
+    "trainer.accelerator=cpu",
+    "threads=1",
+)
+#: A disk that moves to the right by a hair's breadth a step: nothing that can collapse.
+DISK = (
+    "+experiment=disk_translation",
+    *TINY,
+    "optimizer.lr=1e-4",
+    "steps=12",
+    "validations=2",
+    "trainer.log_every_n_steps=1",
+)
+#: The same without pictures and meshes.
+BARE = (*(o for o in DISK if not o.startswith("callbacks.")), "callbacks=none")
+
+
+@contextmanager
+def configured(*overrides: str) -> Iterator[DictConfig]:
+    """The configuration of ``python -m nsm.train`` with some overrides."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        yield compose("train", list(overrides), return_hydra_config=True)
+
+
+def composed(*overrides: str) -> DictConfig:
+    """The same, as plain values; what only a running command knows is left out."""
+    with configured(*overrides) as cfg:
+        plain: dict[str, Any] = {key: value for key, value in cfg.items() if key not in ("hydra", "name")}
+        cfg = OmegaConf.create({**plain, "name": "test"})
+        OmegaConf.set_struct(cfg, True)
+        return cfg
+
+
+def train_here(*overrides: str) -> int:
+    """Run the command in this process; returns its exit status."""
+    with mock.patch.object(sys, "argv", ["nsm.train", *overrides]):
+        try:
+            entry.run(train.main, "train")
+        except SystemExit as end:
+            return int(end.code or 0)
+    return 0
+
+
+def files(folder: Path) -> set[str]:
+    """Names of all files in a run's folder, without Hydra's own."""
+    names = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+    return {name for name in names if not name.startswith(".hydra/") and name != "train.log"}
