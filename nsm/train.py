@@ -100,6 +100,7 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
     sampler = instantiate(cfg.sampler)
     pools = [draw_pools(shape, sampler["pool"], cfg.seed + i) for i, shape in enumerate((ends.source, ends.target))]
     box = sampler["box"](dim=dim)
+    interior = sampler["fractions"].counts(sampler["size"])[2]
     data = FieldData(
         MorphSampler(*pools, box, sampler["time"], sampler["size"], sampler["fractions"]),
         MorphSampler(*pools, box, sampler["time"], VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
@@ -107,6 +108,8 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
     )
     task = MorphTask(
         morph,
+        sampler["near"](dim=dim, interior=interior),
+        box,
         instantiate(cfg.loss),
         instantiate(cfg.optimizer),
         instantiate(cfg.scheduler),

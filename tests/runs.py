@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
 from unittest import mock
 
 from hydra import compose, initialize_config_dir
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from nsm import entry, train
@@ -47,20 +46,20 @@ DISK = (
 BARE = (*(o for o in DISK if not o.startswith("callbacks.")), "callbacks=none")
 
 
-@contextmanager
-def configured(*overrides: str) -> Iterator[DictConfig]:
-    """The configuration of ``python -m nsm.train`` with some overrides."""
+@lru_cache(maxsize=None)
+def composed(*overrides: str, folder: str = "/nowhere") -> DictConfig:
+    """The configuration of ``python -m nsm.train`` with some overrides, resolved, as the command sees it."""
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        yield compose("train", list(overrides), return_hydra_config=True)
-
-
-def composed(*overrides: str) -> DictConfig:
-    """The same, as plain values; what only a running command knows is left out."""
-    with configured(*overrides) as cfg:
-        plain: dict[str, Any] = {key: value for key, value in cfg.items() if key not in ("hydra", "name")}
-        cfg = OmegaConf.create({**plain, "name": "test"})
-        OmegaConf.set_struct(cfg, True)
-        return cfg
+        cfg = compose("train", [*overrides, f"hydra.runtime.output_dir={folder}"], return_hydra_config=True)
+    before = HydraConfig.instance().cfg
+    HydraConfig.instance().set_config(cfg)
+    try:
+        plain = OmegaConf.to_container(OmegaConf.masked_copy(cfg, [key for key in cfg if key != "hydra"]), resolve=True)
+    finally:
+        HydraConfig.instance().cfg = before
+    resolved = OmegaConf.create(plain)
+    OmegaConf.set_readonly(resolved, True)
+    return resolved
 
 
 def train_here(*overrides: str) -> int:

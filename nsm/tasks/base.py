@@ -45,14 +45,19 @@ class FieldTask(L.LightningModule):
         """The networks at the points of a batch."""
         raise NotImplementedError
 
+    def learn_from(self, evaluation: Evaluation) -> None:
+        """Take from an evaluation what the next batch needs; nothing by default."""
+
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """One loss; each term is logged as ``train/<name>``."""
-        total, terms = self.loss(self.evaluation(batch))
+        evaluation = self.evaluation(batch)
+        total, terms = self.loss(evaluation)
         if not torch.isfinite(total):
             broken = [name for name, value in terms.items() if not torch.isfinite(value)]
             raise Collapse(f"the loss {', '.join(broken)} is not finite at step {self.global_step}")
         self.log_dict({f"train/{name}": value for name, value in terms.items()})
         self.log("train/loss", total.detach(), prog_bar=True)
+        self.learn_from(evaluation)
         return total
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:

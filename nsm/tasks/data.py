@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import lightning as L
 import torch
@@ -15,6 +15,7 @@ from nsm.sampling import Batch
 _VALIDATION = 1 << 20
 
 
+@runtime_checkable
 class Sampler(Protocol):
     """Draws one batch."""
 

@@ -12,7 +12,7 @@ from torch.optim.lr_scheduler import LRScheduler
 from nsm.losses import Evaluation, WeightedSum
 from nsm.metrics import VolumeCurve, even_times, volume_curve
 from nsm.morph import NeuralMorph
-from nsm.sampling import Batch
+from nsm.sampling import Batch, Box, MovingSurface
 from nsm.tasks.base import Collapse, FieldTask
 
 #: A morph whose volume falls below this part of its first one has lost its surface.
@@ -29,6 +29,8 @@ class MorphTask(FieldTask):
 
     Args:
         morph: the networks and the end shapes.
+        near: draws interior points around the moving surface.
+        box: where the others are drawn.
         loss: the terms.
         optimizer, scheduler: see `FieldTask`.
         volume_resolution: cells along the box at which validation measures volume.
@@ -38,6 +40,8 @@ class MorphTask(FieldTask):
     def __init__(
         self,
         morph: NeuralMorph,
+        near: MovingSurface,
+        box: Box,
         loss: WeightedSum,
         optimizer: Callable[..., Optimizer],
         scheduler: Callable[..., LRScheduler],
@@ -45,7 +49,7 @@ class MorphTask(FieldTask):
         volume_times: int = 11,
     ) -> None:
         super().__init__(loss, optimizer, scheduler)
-        self.morph = morph
+        self.morph, self.near, self.box = morph, near, box
         self.volume_resolution, self.volume_times = volume_resolution, volume_times
         #: The curve of the last validation.
         self.volume_curve: VolumeCurve | None = None
@@ -54,7 +58,12 @@ class MorphTask(FieldTask):
 
     def evaluation(self, batch: Batch) -> Evaluation:
         """f and V at the points of a batch."""
-        return Evaluation(batch, self.morph.field, self.morph.velocity_field)
+        placed = self.near.place(batch, self.box.half_width)
+        return Evaluation(placed, self.morph.field, self.morph.velocity_field)
+
+    def learn_from(self, evaluation: Evaluation) -> None:
+        """Follow the surface."""
+        self.near.follow(evaluation.batch.points[evaluation.batch.interior], evaluation.interior)
 
     @torch.no_grad()
     def validation_step(self, batch: Batch, index: int) -> None:

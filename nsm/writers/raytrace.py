@@ -149,7 +149,7 @@ def _floor(
 
 
 def _view_rays(camera: Camera, shape: tuple[int, int], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Origins (rows, columns, 3) of parallel rays, jittered within their cells, from above down, and their direction."""
+    """Origins (rows, columns, 3) of parallel rays, jittered in their cells, from above down, and their direction."""
     right, up, toward = camera.axes
     rows, columns = shape
     jitter = rng.random((2, rows, columns))

@@ -1,0 +1,146 @@
+"""Batches: their parts, where and when their points lie, and that they are the same in every run."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from nsm.errors import InputError
+from nsm.sampling import Batch, Box, Fractions, MorphSampler, Pools, SdfSampler, UniformTime
+from nsm.tasks.data import FieldData, _generator, _Stream
+from nsm.types import DistanceSamples, SurfaceSamples
+
+
+def pools(offset: float, dim: int = 2, count: int = 50) -> Pools:
+    """Known points that tell where they come from: their first coordinate is the offset, the second their number."""
+    points = torch.full((count, dim), offset)
+    points[:, 1] = torch.arange(count) / count
+    return Pools(SurfaceSamples(points, points + 10), DistanceSamples(points + 100, points[:, 1] + offset))
+
+
+def morph_sampler(size: int = 40, fractions: Fractions | None = None, dim: int = 2) -> MorphSampler:
+    time = UniformTime(-0.2, 1.0)
+    return MorphSampler(pools(1.0, dim), pools(2.0, dim), Box(dim, 1.5), time, size, fractions or Fractions())
+
+
+def seeded(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 40, 5000])
+@pytest.mark.parametrize("fractions", [(0.25, 0.25), (0.4, 0.5), (1.0, 0.0), (0.0, 0.0), (0.5, 0.5), (0.3, 0.7)])
+def test_the_parts_of_a_batch_add_up(size: int, fractions: tuple[float, float]) -> None:
+    counts = Fractions(*fractions).counts(size)
+    assert sum(counts) == size
+    assert min(counts) >= 0
+    assert all(abs(n - f * size) <= 0.5 for n, f in zip(counts, fractions, strict=False))
+
+
+@pytest.mark.parametrize(("surface", "ambient"), [(0.8, 0.8), (-0.1, 0.5), (0.5, -0.1), (float("nan"), 0.1)])
+def test_fractions_that_are_no_parts_of_one_are_refused(surface: float, ambient: float) -> None:
+    with pytest.raises(InputError, match="sampler.fractions has surface=.* give two parts of 1"):
+        Fractions(surface, ambient)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_batch_is_surface_then_ambient_then_interior(dim: int) -> None:
+    batch = morph_sampler(40, dim=dim).draw(seeded())
+    assert batch.points.shape == (40, dim + 1)
+    assert batch.normals.shape == (10, dim)
+    assert batch.distances.shape == (20,)
+    assert (batch.surface, batch.ambient, batch.interior) == (slice(0, 10), slice(10, 20), slice(20, 40))
+
+
+def test_half_of_the_known_points_come_from_each_end_and_carry_its_time() -> None:
+    batch = morph_sampler(40).draw(seeded())
+    for part, shift in ((batch.surface, 0), (batch.ambient, 100)):
+        where, when = batch.points[part, 0] - shift, batch.points[part, 2]
+        assert where.tolist() == [1.0] * 5 + [2.0] * 5
+        assert when.tolist() == [0.0] * 5 + [1.0] * 5
+
+
+def test_an_odd_number_of_known_points_gives_the_source_one_more() -> None:
+    batch = morph_sampler(20, Fractions(0.25, 0.0)).draw(seeded())
+    assert batch.points[batch.surface, 2].tolist() == [0, 0, 0, 1, 1]
+
+
+def test_targets_stay_with_their_points() -> None:
+    batch = morph_sampler(400).draw(seeded())
+    on, around = batch.points[batch.surface, :2], batch.points[batch.ambient, :2]
+    torch.testing.assert_close(batch.normals, on + 10)
+    assert (batch.distances[batch.surface] == 0).all()
+    torch.testing.assert_close(batch.distances[batch.ambient], around[:, 1] - 100 + around[:, 0] - 100)
+
+
+def test_interior_points_fill_the_box_and_the_times() -> None:
+    batch = morph_sampler(20000, Fractions(0.0, 0.0)).draw(seeded())
+    x, t = batch.points[batch.interior, :2], batch.points[batch.interior, 2]
+    assert -1.5 <= x.min() < -1.49
+    assert 1.49 < x.max() <= 1.5
+    assert -0.2 <= t.min() < -0.19
+    assert 0.99 < t.max() <= 1.0
+    assert x.mean().abs() < 0.03
+    assert float(t.mean()) == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_still_shape_has_points_of_space_alone() -> None:
+    batch = SdfSampler(pools(1.0), Box(2, 1.0), 40, Fractions(0.25, 0.25)).draw(seeded())
+    assert batch.points.shape == (40, 2)
+    assert (batch.points[batch.surface, 0] == 1).all()
+    torch.testing.assert_close(batch.normals, batch.points[batch.surface] + 10)
+    assert batch.points[batch.interior].abs().max() <= 1
+
+
+def test_the_same_state_draws_the_same_batch_and_the_next_state_another() -> None:
+    sampler, generator = morph_sampler(), seeded()
+    first, second = sampler.draw(generator), sampler.draw(generator)
+    again = sampler.draw(seeded())
+    assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not torch.equal(first.points, second.points)
+
+
+def test_a_batch_depends_on_seed_rank_and_step_alone() -> None:
+    sampler = morph_sampler()
+    keys = [(0, 0, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (1, 1, 0)]
+    batches = {key: sampler.draw(_generator(*key)).points for key in keys}
+    for key, points in batches.items():
+        assert torch.equal(points, sampler.draw(_generator(*key)).points)
+        assert not any(torch.equal(points, other) for k, other in batches.items() if k != key)
+
+
+def stream(rank: int = 0, step: int = 0, accumulate: int = 1) -> list[torch.Tensor]:
+    trainer = SimpleNamespace(global_rank=rank, global_step=step, accumulate_grad_batches=accumulate)
+    batches = iter(_Stream.__iter__(SimpleNamespace(sampler=morph_sampler(), seed=0, trainer=trainer)))  # type: ignore[arg-type]
+    return [next(batches).points for _ in range(4)]
+
+
+def test_ranks_see_different_points() -> None:
+    assert not any(torch.equal(a, b) for a in stream(rank=0) for b in stream(rank=1))
+
+
+def test_a_stream_that_begins_later_goes_on_where_it_was() -> None:
+    assert all(torch.equal(a, b) for a, b in zip(stream()[2:], stream(step=2)[:2], strict=True))
+    assert all(torch.equal(a, b) for a, b in zip(stream()[2:], stream(step=1, accumulate=2)[:2], strict=True))
+
+
+def test_validation_sees_one_batch_that_never_changes() -> None:
+    data = FieldData(morph_sampler(), morph_sampler(), seed=3)
+    first, again = list(data.val_dataloader()), list(data.val_dataloader())
+    assert len(first) == 1
+    assert isinstance(first[0], Batch)
+    assert torch.equal(first[0].points, again[0].points)
+    other = list(FieldData(morph_sampler(), morph_sampler(), seed=4).val_dataloader())
+    assert not torch.equal(first[0].points, other[0].points)
+
+
+def test_a_box_smaller_than_that_of_the_shapes_is_refused() -> None:
+    with pytest.raises(InputError, match=r"sampler.box.half_width=0.5 leaves out part of .*: give 1 or more"):
+        Box(3, 0.5)
+
+
+@pytest.mark.parametrize(("start", "stop"), [(1.0, 0.0), (0.5, 0.5), (float("nan"), 1.0)])
+def test_times_that_run_backwards_are_refused(start: float, stop: float) -> None:
+    with pytest.raises(InputError, match="sampler.time has start=.*: give a start before the stop"):
+        UniformTime(start, stop)
