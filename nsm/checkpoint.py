@@ -71,7 +71,9 @@ def load_model(file: Path, prefix: str) -> nn.Module:
         model = build(content["nsm"]["model"])
         weights = content["state_dict"]
         model.load_state_dict({k.removeprefix(prefix): v for k, v in weights.items() if k.startswith(prefix)})
-    except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+    except InputError:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError, RuntimeError) as error:
         raise InputError(
             f"{file} is damaged: its weights do not fit the model it describes ({_first_line(error)})"
         ) from error
@@ -110,7 +112,8 @@ def read_checkpoint(file: Path) -> dict[str, Any]:
     if entry.get("format") != FORMAT:
         raise InputError(
             f"{file} has checkpoint format {entry.get('format')} (written by nsm {entry.get('version')}), but this is "
-            f"nsm {nsm.__version__}, which reads format {FORMAT}: load it with the version that wrote it, or train again"
+            f"nsm {nsm.__version__}, which reads format {FORMAT}: load it with the version that wrote it, or train "
+            "again"
         )
     return content
 

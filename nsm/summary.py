@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra.experimental.callback import Callback
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
@@ -16,30 +16,49 @@ from nsm.files import whole_file
 
 
 class SweepSummary(Callback):
-    """Collects the ``summary.json`` of every run below the sweep's folder into ``summary.csv``, and prints it."""
+    """Collects the ``summary.json`` of every run below the sweep's folder into ``summary.csv``, and prints it.
+
+    Beside its folder, each run is named by the overrides that are not those of all runs.
+    """
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Write and print the table."""
         folder = Path(config.hydra.sweep.dir)
-        files = sorted((f.relative_to(folder) for f in folder.rglob("summary.json")), key=_number)
-        runs = {str(f.parent): json.loads((folder / f).read_text()) for f in files}
-        if not runs:
+        files = sorted(folder.rglob("summary.json"), key=_number)
+        if not files:
             return
-        columns = list(dict.fromkeys(name for figures in runs.values() for name in figures))
-        with whole_file(folder / "summary.csv") as temporary, temporary.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["run", *columns])
-            writer.writerows([run, *(figures.get(name, "") for name in columns)] for run, figures in runs.items())
-        table = Table(title=f"{len(runs)} runs in {folder}")
-        table.add_column("run", overflow="fold")
-        for name in columns:
-            table.add_column(name.removeprefix("val/"), justify="right")
-        for run, figures in runs.items():
-            table.add_row(run, *(f"{figures[name]:.4g}" if name in figures else "" for name in columns))
-        Console().print(table)
+        figures = [json.loads(file.read_text()) for file in files]
+        names = list(dict.fromkeys(name for run in figures for name in run))
+        runs = [str(file.parent.relative_to(folder)) for file in files]
+        varied = _varied([_overrides(file.parent) for file in files])
+        with whole_file(folder / "summary.csv") as temporary, temporary.open("w", newline="") as table:
+            writer = csv.writer(table)
+            writer.writerow(["run", "varied", *names])
+            for run, what, values in zip(runs, varied, figures, strict=True):
+                writer.writerow([run, what, *(values.get(name, "") for name in names)])
+
+        shown = Table(title=f"{len(runs)} runs in {folder}")
+        shown.add_column("run")
+        shown.add_column("varied", overflow="fold")
+        for name in names:
+            shown.add_column(name.removeprefix("val/"), justify="right")
+        for run, what, values in zip(runs, varied, figures, strict=True):
+            shown.add_row(run, what, *(f"{values[name]:.4g}" if name in values else "" for name in names))
+        Console().print(shown)
 
 
 def _number(file: Path) -> tuple[int, str]:
-    """Runs in the order of their job numbers, which their folders' names begin with."""
-    head = file.parts[0].partition("_")[0]
-    return (int(head) if head.isdigit() else 1 << 30, str(file))
+    """Runs in the order of their job numbers, which are the names of their folders."""
+    name = file.parent.name
+    return (int(name) if name.isdigit() else 1 << 30, str(file))
+
+
+def _overrides(folder: Path) -> list[str]:
+    file = folder / ".hydra" / "overrides.yaml"
+    return [str(override) for override in OmegaConf.load(file)] if file.is_file() else []
+
+
+def _varied(overrides: list[list[str]]) -> list[str]:
+    """What distinguishes each run."""
+    common = set.intersection(*map(set, overrides)) if len(overrides) > 1 else set()
+    return [" ".join(o for o in run if o not in common) for run in overrides]

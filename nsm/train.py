@@ -13,17 +13,18 @@ import lightning as L
 import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate as hydra_instantiate
+from lightning.pytorch.loggers import Logger, WandbLogger
 from omegaconf import DictConfig, OmegaConf
 
 from nsm import entry
 from nsm.callbacks import Progress, StopOnSignal
 from nsm.checkpoint import build, describe
 from nsm.errors import InputError
+from nsm.files import whole_file
 from nsm.recovery import fit_with_recovery, require_same_run
 from nsm.runtime import keep_freed_memory
 from nsm.sampling import Fractions, MorphSampler
 from nsm.tasks import FieldData, FieldTask, MorphTask, as_shape, draw_pools, prepare_ends, starting_network
-from nsm.files import whole_file
 
 log = logging.getLogger(__name__)
 
@@ -50,15 +51,18 @@ def main(cfg: DictConfig) -> None:
     begin = time.monotonic()
     task, data, steps = prepare[cfg.task.kind](cfg, config)
     prepared = time.monotonic()
-    stop = StopOnSignal()
+    stop, loggers = StopOnSignal(), []
 
     def trainer() -> L.Trainer:
         callbacks = [*instantiate(cfg.callbacks).values(), stop]
-        loggers = [*instantiate(cfg.logger).values()]
+        loggers[:] = instantiate(cfg.logger).values()
         every = max(1, steps // cfg.validations)
         return instantiate(cfg.trainer)(max_steps=steps, val_check_interval=every, callbacks=callbacks, logger=loggers)
 
-    done = fit_with_recovery(trainer, task, data, last, resume=bool(cfg.resume))
+    try:
+        done = fit_with_recovery(trainer, task, data, last, resume=bool(cfg.resume))
+    finally:
+        _finish(loggers)
     if stop.received:
         log.warning("stopped at step %d of %d; to go on, repeat the command with hydra.run.dir=%s resume=true",
                     done.global_step, steps, folder)  # fmt: skip
@@ -67,6 +71,13 @@ def main(cfg: DictConfig) -> None:
         log.info("the run in %s has made its %d steps already", folder, steps)
         return
     _summarise(done, folder, prepared - begin, time.monotonic() - prepared)
+
+
+def _finish(loggers: list[Logger]) -> None:
+    """Close a run of wandb, or the next one of a multirun would go on in it."""
+    for logger in loggers:
+        if isinstance(logger, WandbLogger):
+            logger.experiment.finish()
 
 
 def _require_sensible(cfg: DictConfig, kinds: tuple[str, ...]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from unittest import mock
 
@@ -44,9 +44,11 @@ DISK = (
 )
 #: The same without pictures and meshes.
 BARE = (*(o for o in DISK if not o.startswith("callbacks.")), "callbacks=none")
+#: One still shape.
+STILL = (*(o for o in BARE if not o.startswith("task.")), "task=sdf")
 
 
-@lru_cache(maxsize=None)
+@cache
 def composed(*overrides: str, folder: str = "/nowhere") -> DictConfig:
     """The configuration of ``python -m nsm.train`` with some overrides, resolved, as the command sees it."""
     with initialize_config_dir(str(CONF), version_base="1.3"):

@@ -80,7 +80,9 @@ def networks(velocity: type[Velocity] = Free, n: int = 40, dim: int = 3) -> Eval
 
     moving = velocity(dim, network, Gaussian()) if velocity is AdaDiv else velocity(dim, network)  # type: ignore[call-arg]
     normals = torch.nn.functional.normalize(torch.randn(n // 4, dim, dtype=torch.float64), dim=1)
-    batch = Batch(torch.rand(n, dim + 1, dtype=torch.float64) * 2 - 1, torch.randn(n // 2, dtype=torch.float64), normals)
+    batch = Batch(
+        torch.rand(n, dim + 1, dtype=torch.float64) * 2 - 1, torch.randn(n // 2, dtype=torch.float64), normals
+    )
     return Evaluation(batch, field, moving.double())
 
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import lightning as L
 import numpy as np
-import torch
 from lightning.pytorch.loggers import WandbLogger
-from torch.nn.functional import normalize
 
-from nsm.geometry.meshing import extract_surface
-from nsm.types import Morph, SimplexMesh
-from nsm.writers import write_mesh
+from nsm.types import SimplexMesh
+from nsm.writers import save_frame
 
 #: The format of a surface and of a curve.
 _SUFFIXES = {3: ".ply", 2: ".obj"}
@@ -49,14 +45,6 @@ class MeshSnapshots(L.Callback):
             for logger in trainer.loggers:
                 if isinstance(logger, WandbLogger):
                     _log_mesh(logger, f"mesh/t_{time:.3f}", mesh, trainer.global_step)
-
-
-@torch.no_grad()
-def save_frame(morph: Morph, time: float, file: Path, resolution: int) -> SimplexMesh:
-    """Extract the surface of a morph at one time and write it with the normals ∇f/‖∇f‖."""
-    mesh = extract_surface(partial(morph, t=time), morph.bounds, resolution)
-    write_mesh(file, mesh, normalize(morph.gradient(mesh.vertices, time), dim=1))
-    return mesh
 
 
 def _log_mesh(logger: WandbLogger, name: str, mesh: SimplexMesh, step: int) -> None:

@@ -18,8 +18,8 @@ from nsm.writers import plot_volume_curves, write_volume_curve
 class VolumeCurveLog(L.Callback):
     """Keeps the volume curve of every validation.
 
-    Writes ``volume_history.csv`` (step, time, volume), the last curve as ``volume.csv`` and ``volume.png``, and gives the
-    picture to the loggers that take images.
+    Writes ``volume_history.csv`` (step, time, volume), the last curve as ``volume.csv`` and ``volume.png``, and gives
+    the picture to the loggers that take images.
 
     Args:
         folder: where they go.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from nsm import calculus
+from nsm.errors import InputError
 from nsm.fields.init import siren_init_
 from nsm.types import Jet, VectorJet
 
@@ -24,7 +26,7 @@ class Siren(nn.Module):
         omega: frequency ω_l, one for all hidden layers or one each.
 
     Raises:
-        ValueError: if ``omega`` is a sequence of another length than ``hidden_layers``.
+        InputError: if ``omega`` is a sequence of another length than ``hidden_layers``.
     """
 
     def __init__(
@@ -38,14 +40,14 @@ class Siren(nn.Module):
         super().__init__()
         omegas = [float(omega)] * hidden_layers if isinstance(omega, (int, float)) else [float(w) for w in omega]
         if len(omegas) != hidden_layers:
-            raise ValueError(
+            raise InputError(
                 f"omega has {len(omegas)} values for {hidden_layers} hidden layers: give one number, or one a layer"
             )
         self.in_features, self.out_features = in_features, out_features
         self.hidden_features, self.hidden_layers = hidden_features, hidden_layers
         self.omegas = omegas
         widths = [in_features, *[hidden_features] * hidden_layers, out_features]
-        self.linears = nn.ModuleList(nn.Linear(a, b) for a, b in zip(widths[:-1], widths[1:], strict=True))
+        self.linears = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
         siren_init_(self)
 
     @property

@@ -58,7 +58,8 @@ class Fractions:
 
     def counts(self, size: int) -> tuple[int, int, int]:
         """Numbers of surface, ambient and interior points in a batch of ``size``."""
-        surface, ambient = round(self.surface * size), round(self.ambient * size)
+        surface = round(self.surface * size)
+        ambient = min(round(self.ambient * size), size - surface)
         return surface, ambient, size - surface - ambient
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from nsm.errors import InputError
+from nsm.geometry.grid import evaluate
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.volume import volume
 from nsm.shapes.sampling import ambient_points, project_to_zero, sample_mesh_surface
@@ -163,7 +164,7 @@ class FieldShape(nn.Module, Shape):
         """Points with the values of the field itself."""
         surface = self.surface_samples(max(count // 2, 1), generator).points
         points = ambient_points(surface, count, generator, working_box(self.dim) if bounds is None else bounds)
-        return DistanceSamples(points, self(points))
+        return DistanceSamples(points, evaluate(self, points))
 
     @torch.no_grad()
     def _own_field(self, x: Tensor) -> Tensor:

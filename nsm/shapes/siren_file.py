@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from nsm.errors import InputError
-from nsm.fields.siren import ScalarSiren
+from nsm.fields.siren import ScalarSiren, Siren
 from nsm.shapes.base import FieldShape, working_box
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.primitive import Pose
@@ -128,9 +128,7 @@ class SirenFile(SirenShape):
         origin = {"kind": "network", "path": str(path), "sha256": file_sha256(file), "omega": float(omega)}
         similarity = Similarity.read(pose, dim)
         super().__init__(dim, width, hidden, omega, similarity, origin)
-        for linear, weight, bias in zip(_linears(self.network), weights[::2], weights[1::2], strict=True):
-            linear.weight.copy_(weight)
-            linear.bias.copy_(bias)
+        set_layers_(self.network, weights)
         surface = _probe(self.network, str(path), float(omega))
         fold_similarity_(self.network, similarity)
         moved = similarity.apply(surface)
@@ -149,15 +147,28 @@ def fold_similarity_(network: ScalarSiren, similarity: Similarity) -> None:
     last.bias.mul_(similarity.scale)
 
 
-def _linears(network: ScalarSiren) -> list[nn.Linear]:
+@torch.no_grad()
+def set_layers_(network: Siren, layers: Sequence[Tensor]) -> None:
+    """Give a network the weights and biases, in order, that `read_layers` read."""
+    for linear, weight, bias in zip(_linears(network), layers[::2], layers[1::2], strict=True):
+        linear.weight.copy_(weight)
+        linear.bias.copy_(bias)
+
+
+def _linears(network: Siren) -> list[nn.Linear]:
     return [linear for linear in network.linears if isinstance(linear, nn.Linear)]
 
 
-def read_layers(file: Path) -> list[Tensor]:
+def read_layers(file: Path, inputs: Collection[int] = (2, 3), outputs: int = 1) -> list[Tensor]:
     """Weights and biases in order, float32, from a state dict whose keys are ``net.<layer>.0.weight`` or the like.
 
+    Args:
+        file: written by torch.save.
+        inputs: how many inputs the network may have.
+        outputs: how many outputs it must have.
+
     Raises:
-        InputError: if the file is no state dict of a scalar sine network of 2 or 3 inputs and one width.
+        InputError: if the file is no state dict of a sine network of one width and these inputs and outputs.
     """
     try:
         state = torch.load(file, map_location="cpu", weights_only=True)
@@ -178,21 +189,21 @@ def read_layers(file: Path) -> list[Tensor]:
                 f"{file} has the keys {', '.join(list(state)[:3])}, …, which are not those of a published sine "
                 "network: they should be net.0.0.weight, net.0.0.bias, net.1.0.weight and so on."
             )
-    return _checked(file, [state[name].float() for name in names])
+    return _checked(file, [state[name].float() for name in names], inputs, outputs)
 
 
-def _checked(file: Path, layers: list[Tensor]) -> list[Tensor]:
+def _checked(file: Path, layers: list[Tensor], inputs: Collection[int], outputs: int) -> list[Tensor]:
     weights, biases = layers[::2], layers[1::2]
-    inputs, width = (weights[0].shape[1], weights[0].shape[0]) if weights[0].ndim == 2 else (0, 0)
-    if inputs not in (2, 3):
-        extra = ": it is a trained morph, whose fourth input is time" if inputs == 4 else ""
-        raise InputError(f"{file} has {inputs} inputs and is no shape{extra}; give a network of 2 or 3 inputs.")
-    expected = [(width, inputs), *[(width, width)] * (len(weights) - 2), (1, width)]
+    found, width = (weights[0].shape[1], weights[0].shape[0]) if weights[0].ndim == 2 else (0, 0)
+    if found not in inputs:
+        kind = ": it is a trained morph, whose fourth input is time" if found == 4 else ""
+        raise InputError(f"{file} has {found} inputs{kind}; give a network of {' or '.join(map(str, inputs))} inputs.")
+    expected = [(width, found), *[(width, width)] * (len(weights) - 2), (outputs, width)]
     shapes = [tuple(w.shape) for w in weights]
     if shapes != expected or any(b.shape != w.shape[:1] for w, b in zip(weights, biases, strict=True)):
         raise InputError(
-            f"{file} has layers of shapes {shapes}, but a signed distance network has one width and one output: "
-            f"{expected} were expected."
+            f"{file} has layers of shapes {shapes}, but a network of one width and "
+            f"{'one output' if outputs == 1 else f'{outputs} outputs'} was expected: {expected}."
         )
     if not all(bool(t.isfinite().all()) for t in layers):
         raise InputError(f"{file} holds weights that are not finite: get a fresh copy of it.")

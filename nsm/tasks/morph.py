@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
@@ -17,6 +16,8 @@ from nsm.tasks.base import Collapse, FieldTask
 
 #: A morph whose volume falls below this part of its first one has lost its surface.
 _VANISHED = 0.02
+#: A mean ‖∇f‖ on the end shapes above which f is noise: by distance and volume alone, noise may pass for a good morph.
+_STEEP = 100.0
 
 
 class MorphTask(FieldTask):
@@ -24,7 +25,8 @@ class MorphTask(FieldTask):
 
     Validation measures what a user sees, all in units of length:
     ``val/distance``, the mean distance |f|/‖∇f‖ of f's surface from fixed points of the end shapes;
-    ``val/drift``, the largest change of volume as the displacement of the surface that makes it, |V(t)/V(0) − 1| V(0)^(1/d) / d;
+    ``val/drift``, the largest change of volume as the displacement of the surface that makes it,
+    |V(t)/V(0) − 1| V(0)^(1/d) / d;
     and their sum ``val/error``, by which the best checkpoint is chosen.
 
     Args:
@@ -71,6 +73,10 @@ class MorphTask(FieldTask):
         on = batch.points[batch.surface]
         jet = self.morph.field.jet(on)
         slope = jet.gradient[:, : self.morph.dim].norm(dim=1)
+        if not slope.mean() < _STEEP:
+            raise Collapse(
+                f"the mean of ‖∇f‖ on the end shapes has grown to {slope.mean():.3g} by step {self.global_step}"
+            )
         distance = (jet.value.abs() / slope).mean()
         curve = self._measure_volume()
         drift = curve.maximum_deviation * float(curve.volumes[0]) ** (1 / self.morph.dim) / self.morph.dim

@@ -1,0 +1,107 @@
+"""Morphs whose networks are written down and not trained, as checkpoints and as objects."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest import mock
+
+import torch
+
+from nsm import entry
+from nsm.checkpoint import describe, write_atomically
+from nsm.fields import ScalarSiren
+from nsm.morph import NeuralMorph
+from nsm.shapes import Ball, FieldShape
+
+#: ω of the networks here: any would do.
+OMEGA = 2.0
+#: Frequency of the cosines: their sum then falls from the middle of the box to its faces.
+FREQUENCY = 1.5
+
+
+@torch.no_grad()
+def bowl(dim: int, level: float, rise: float | None = None) -> ScalarSiren:
+    """f = level − Σ cos(k x_i), whose zero set is a rounded ball where d − 1 + cos(k) < level < d.
+
+    With ``rise`` there is time as a last input, and rise · sin(πt/2) is added: the ball shrinks, and vanishes when
+    level + rise sin(πt/2) reaches d.
+    """
+    timed = rise is not None
+    network = ScalarSiren(dim + timed, dim + 1, 1, OMEGA)
+    hidden, last = network.linears
+    hidden.weight.zero_()
+    hidden.weight[:dim, :dim] = torch.eye(dim) * FREQUENCY / OMEGA
+    hidden.bias.fill_(math.pi / 2 / OMEGA)
+    hidden.bias[dim] = 0.0
+    last.weight.fill_(-1.0)
+    last.weight[0, dim] = rise or 0.0
+    last.bias.fill_(level)
+    if timed:
+        hidden.weight[dim, dim] = math.pi / 2 / OMEGA
+    return network
+
+
+def shrinking(dim: int, rise: float, source: FieldShape | None = None) -> NeuralMorph:
+    """A morph without velocity whose volume falls, between two balls of no matter."""
+    middle = [0.0] * dim
+    morph = NeuralMorph(bowl(dim, dim - 0.5, rise), None, source or Ball(0.65, middle), Ball(0.4, middle))
+    return morph.requires_grad_(False)
+
+
+def save(morph: NeuralMorph, file: Path, **entry_values: Any) -> Path:
+    """Write a morph as a checkpoint; ``entry_values`` replace what stands under ``nsm``."""
+    field = morph.field
+    model = {
+        "_target_": "nsm.morph.NeuralMorph",
+        "field": {
+            "_target_": "nsm.fields.ScalarSiren",
+            "in_features": field.in_features,
+            "hidden_features": field.hidden_features,
+            "hidden_layers": field.hidden_layers,
+            "omega": list(field.omegas),
+        },
+        "velocity": None,
+        "source": morph.source.config(),
+        "target": morph.target.config(),
+    }
+    provenance = {"source": morph.source.provenance(), "target": morph.target.provenance()}
+    state = {f"morph.{name}": value for name, value in morph.state_dict().items()}
+    write_atomically({"nsm": describe(model, {}, provenance) | entry_values, "state_dict": state}, file)
+    return file
+
+
+def unreadable(folder: Path) -> dict[str, tuple[Path, str]]:
+    """Files that are no checkpoints to load, by what ails them, with words of the sentence that must follow."""
+    good = save(shrinking(2, 0.1), folder / "good.ckpt")
+    (folder / "cut.ckpt").write_bytes(good.read_bytes()[: good.stat().st_size // 2])
+    (folder / "text.ckpt").write_text("hello")
+    torch.save({"weights": torch.zeros(2)}, folder / "other.ckpt")
+    save(shrinking(2, 0.1), folder / "format.ckpt", format=99)
+    (folder / "empty_run").mkdir()
+    return {
+        "missing": (folder / "nowhere.ckpt", "there is no checkpoint"),
+        "cut": (folder / "cut.ckpt", "cannot be read as a checkpoint"),
+        "text": (folder / "text.ckpt", "cannot be read as a checkpoint"),
+        "not ours": (folder / "other.ckpt", "is not a checkpoint of nsm"),
+        "format": (folder / "format.ckpt", "has checkpoint format 99"),
+        "no run": (folder / "empty_run", "holds no checkpoints/best.ckpt"),
+    }
+
+
+def run_here(module: ModuleType, *overrides: str) -> int:
+    """Run a command in this process; returns its exit status."""
+    with mock.patch.object(sys, "argv", [module.__name__, *overrides]):
+        try:
+            entry.run(module.main, module.__name__.rpartition(".")[2])
+        except SystemExit as end:
+            return int(end.code or 0)
+    return 0
+
+
+def sentence(text: str) -> str:
+    """What a command said on stderr, on one line."""
+    return " ".join(text.split())

@@ -1,0 +1,129 @@
+"""The command that measures: what it writes, where, and what it says when it cannot."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from analytic import run_here, save, sentence, shrinking, unreadable
+
+from nsm import evaluate
+from nsm.metrics import evaluate_morph
+from nsm.subjects import load_subjects
+
+SMALL = ("volume_resolution=12", "surface_resolution=12", "times=3", "picture_size=24")
+
+
+@pytest.fixture(autouse=True)
+def _somewhere_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def _files(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+def test_a_run_is_measured_into_its_own_folder(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "outputs" / "disk"
+    morph = shrinking(2, 0.1)
+    save(morph, run / "checkpoints" / "best.ckpt")
+    assert run_here(evaluate, f"checkpoint={run}", *SMALL) == 0
+    written = {"metrics.json", "volume.csv", "volume.png", "strip.png"}
+    assert _files(tmp_path) == {"outputs/disk/checkpoints/best.ckpt"} | {
+        f"outputs/disk/evaluation/{name}" for name in written
+    }
+    told = json.loads((run / "evaluation" / "metrics.json").read_text())
+    assert told["protocol"] == {"volume_resolution": 12, "surface_resolution": 12, "times": 3}
+    expected = evaluate_morph(morph, volume_resolution=12, surface_resolution=12, times=3).to_dict()
+    assert told["morphs"]["disk"]["figures"] == pytest.approx(expected["figures"], nan_ok=True)
+    assert told["morphs"]["disk"]["origin"] == str(run / "checkpoints" / "best.ckpt")
+    rows = list(csv.DictReader((run / "evaluation" / "volume.csv").read_text().splitlines()))
+    assert [row["time"] for row in rows] == ["0", "0.5", "1"]
+    assert [float(row["volume"]) for row in rows] == pytest.approx(expected["volume"]["volumes"])
+    shown = capfd.readouterr().out
+    assert "volume std" in shown
+    assert "evaluation/strip.png" in sentence(shown).replace(" ", "")
+
+
+def test_several_morphs_share_a_table(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    flat = save(shrinking(2, 0.1), tmp_path / "a" / "checkpoints" / "best.ckpt")
+    solid = save(shrinking(3, 0.1), tmp_path / "b" / "checkpoints" / "last.ckpt")
+    status = run_here(evaluate, f"checkpoint=[{flat},{solid},{flat}]", "output=results", *SMALL)
+    assert status == 0
+    assert _files(tmp_path / "results") == {
+        "metrics.json", "volume.csv", "volume.png", "strip_2d.png", "strip_3d.png"
+    }  # fmt: skip
+    names = list(json.loads((tmp_path / "results" / "metrics.json").read_text())["morphs"])
+    assert [name.split("/")[-1] for name in names] == ["a", "last"]
+    shown = capfd.readouterr().out
+    assert shown.count("gradient norm t=0.25") == 1
+    assert "…" not in shown
+
+
+def test_several_morphs_go_into_a_folder_of_their_own(tmp_path: Path) -> None:
+    files = [save(shrinking(2, rise), tmp_path / f"{rise}.ckpt") for rise in (0.1, 0.2)]
+    subjects = load_subjects([str(f) for f in files], None, "nsm.evaluate")
+    assert evaluate._default_folder(subjects).parts[:2] == ("outputs", "evaluations")
+    assert len({subject.name for subject in subjects}) == 2
+
+
+def test_a_narrow_terminal_shows_whole_numbers(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = evaluate_morph(shrinking(2, 0.1), volume_resolution=12, surface_resolution=12, times=3)
+    monkeypatch.setenv("COLUMNS", "64")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    evaluate._show(
+        {str(n) * 30: result for n in range(5)}, {"volume_resolution": 1, "surface_resolution": 1, "times": 1}
+    )
+    shown = capfd.readouterr().out
+    assert shown.count("gradient norm t=0.25") == 3
+    assert "…" not in shown
+
+
+def test_the_same_name_is_given_once(tmp_path: Path) -> None:
+    files = [save(shrinking(2, 0.1), tmp_path / str(i) / "x" / "run" / "checkpoints" / "best.ckpt") for i in range(3)]
+    names = [s.name for s in load_subjects([str(f) for f in files], None, "nsm.evaluate")]
+    assert names == ["x/run", "x/run #2", "x/run #3"]
+
+
+def test_a_surface_that_vanishes_is_measured_all_the_same(tmp_path: Path) -> None:
+    file = save(shrinking(2, 0.8), tmp_path / "gone.ckpt")
+    assert run_here(evaluate, f"checkpoint={file}", *SMALL) == 0
+    figures = json.loads((tmp_path / "evaluation" / "metrics.json").read_text())["morphs"]
+    (measured,) = figures.values()
+    assert measured["figures"]["fewest components"] == 0
+    assert measured["figures"]["morph to shape t=1"] is None
+
+
+@pytest.mark.parametrize("ailment", ["missing", "cut", "text", "not ours", "format", "no run"])
+def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    file, words = unreadable(tmp_path)[ailment]
+    before = _files(tmp_path)
+    assert run_here(evaluate, f"checkpoint={file}", "output=results") == 2
+    said = sentence(capfd.readouterr().err)
+    assert words in said
+    assert "Traceback" not in said
+    assert _files(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ((), "no morph is named: type python -m nsm.evaluate checkpoint=PATH"),
+        (("official=teapot",), "official=teapot is no morph that the authors published"),
+        (("official=kitten_fandisk", "times=1"), "times=1 cannot be: give"),
+        (("official=kitten_fandisk", "times=2.5"), "times=2.5 cannot be: give"),
+        (("official=kitten_fandisk", "volume_resolution=0"), "volume_resolution=0 cannot be"),
+        (("official=kitten_fandisk", "threads=0"), "threads=0 cannot be"),
+        (("chekpoint=a",), "chekpoint"),
+    ],
+)
+def test_what_cannot_be_measured(
+    overrides: tuple[str, ...], words: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_here(evaluate, *overrides) == 2
+    assert words in sentence(capfd.readouterr().err)
+    assert not _files(tmp_path)

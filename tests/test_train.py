@@ -1,0 +1,237 @@
+"""The command from end to end: a small morph, a mesh on the way to one, and many runs at once."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from runs import BARE, DISK, STILL, TINY, files, train_here
+
+from nsm import load_morph
+from nsm.morph import NeuralMorph
+from nsm.tasks.fit import SdfFit
+from nsm.types import Morph
+
+MESHES = {f"meshes/step_000012/t_{t:.3f}.obj" for t in (0.0, 0.25, 0.5, 0.75, 1.0)}
+WRITTEN = {
+    "checkpoints/last.ckpt",
+    "checkpoints/best.ckpt",
+    "log/metrics.csv",
+    "strip.png",
+    "summary.json",
+    "volume.csv",
+    "volume.png",
+    "volume_history.csv",
+    *MESHES,
+}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory):
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("NSM_CACHE_DIR", str(folder))
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """A run as a user starts it, and what it said."""
+    folder = tmp_path_factory.mktemp("morph") / "run"
+    command = [sys.executable, "-m", "nsm.train", *DISK, f"hydra.run.dir={folder}"]
+    environment = {key: value for key, value in os.environ.items() if key != "NSM_DATA_DIR"}
+    return folder, subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+
+
+def test_a_run_writes_everything_it_promises_and_says_where(finished: tuple) -> None:
+    folder, process = finished
+    assert process.returncode == 0, process.stderr
+    assert files(folder) == WRITTEN
+    assert all((folder / name).stat().st_size > 0 for name in WRITTEN)
+    assert all(str(folder / name) in process.stdout for name in WRITTEN)
+    assert "12 steps in" in process.stdout
+
+
+def test_a_run_warns_of_nothing(finished: tuple) -> None:
+    said = finished[1].stdout + finished[1].stderr
+    assert "Warning" not in said
+    assert "warn" not in said.lower().replace("warmup", "")
+    assert "is deprecated" not in said
+    assert "weights_only" not in said
+
+
+def test_the_summary_holds_the_figures_of_the_last_validation(finished: tuple) -> None:
+    summary = json.loads((finished[0] / "summary.json").read_text())
+    assert summary["steps"] == 12
+    assert 0 < summary["val/distance"] < 0.8
+    assert summary["val/error"] == pytest.approx(summary["val/distance"] + summary["val/drift"])
+    with (finished[0] / "volume.csv").open() as file:
+        volumes = [float(row["volume"]) for row in csv.DictReader(file)]
+    assert len(volumes) == 3
+    assert max(abs(v / volumes[0] - 1) for v in volumes) == pytest.approx(summary["val/volume_max"], rel=1e-4)
+
+
+def test_the_log_has_every_term_at_every_step(finished: tuple) -> None:
+    with (finished[0] / "log" / "metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    losses = [row for row in rows if row["train/loss"]]
+    assert [int(row["step"]) for row in losses] == list(range(12))
+    terms = [f"train/{name}" for name in ("level_set", "dirichlet", "surface", "neumann", "eikonal")]
+    for row in losses:
+        assert float(row["train/loss"]) == pytest.approx(sum(float(row[term]) for term in terms), rel=1e-4)
+    assert sum(bool(row["val/error"]) for row in rows) == 2
+
+
+@pytest.mark.parametrize("name", ["best", "last"])
+def test_a_checkpoint_needs_nothing_but_itself(
+    name: str, finished: tuple, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved = tmp_path / "moved.ckpt"
+    moved.write_bytes((finished[0] / "checkpoints" / f"{name}.ckpt").read_bytes())
+    monkeypatch.delenv("NSM_DATA_DIR", raising=False)
+    monkeypatch.setenv("NSM_CACHE_DIR", str(tmp_path / "empty"))
+    monkeypatch.chdir(tmp_path)
+    morph = load_morph(moved)
+    assert isinstance(morph, Morph)
+    x = torch.rand(9, 2) * 2 - 1
+    torch.testing.assert_close(morph.source(x), (x - torch.tensor([-0.5, 0.0])).norm(dim=1) - 0.3)
+    torch.testing.assert_close(morph.target(x), (x - torch.tensor([0.5, 0.0])).norm(dim=1) - 0.3)
+    assert (morph(x, 0.5) * morph.source(x)).sum() > 0
+
+
+def test_a_loaded_morph_is_bitwise_that_of_training(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trained: list[NeuralMorph] = []
+    made = NeuralMorph.__init__
+
+    def remember(self: NeuralMorph, *args: object, **more: object) -> None:
+        made(self, *args, **more)
+        trained.append(self)
+
+    monkeypatch.setattr(NeuralMorph, "__init__", remember)
+    assert train_here(*BARE, f"hydra.run.dir={tmp_path}") == 0
+    (during,) = trained
+    morph, x, t = load_morph(tmp_path / "checkpoints" / "last.ckpt"), torch.rand(50, 2) * 2 - 1, torch.rand(50)
+    assert torch.equal(morph(x, t), during(x, t))
+    assert torch.equal(morph.gradient(x, t), during.gradient(x, t))
+    velocity, expected = morph.velocity(x, t), during.velocity(x, t)
+    assert velocity is not None
+    assert expected is not None
+    assert torch.equal(velocity, expected)
+    assert torch.equal(morph.source(x), during.source(x))
+    assert torch.equal(morph.target(x), during.target(x))
+
+
+def test_a_checkpoint_carries_its_configuration_and_the_origin_of_its_shapes(finished: tuple) -> None:
+    entry = torch.load(finished[0] / "checkpoints" / "last.ckpt", weights_only=True)["nsm"]
+    assert entry["config"]["steps"] == 12
+    assert entry["config"]["name"] == "disk_translation"
+    assert set(entry["provenance"]) == {"source", "target"}
+    assert entry["provenance"]["source"]["scale"] == pytest.approx(1)
+    assert entry["model"]["field"]["omega"] == 8
+
+
+@pytest.fixture(scope="module")
+def mesh(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ball of 80 triangles, with a corner."""
+    path = tmp_path_factory.mktemp("mesh") / "ball.obj"
+    trimesh.creation.icosphere(1).export(path)
+    return path
+
+
+def test_one_shape_alone_becomes_a_network_that_serves_as_an_end_of_a_morph(
+    mesh: Path, tmp_path: Path, cache: Path
+) -> None:
+    folder = tmp_path / "run"
+    source = ("shape@source=mesh", f"source.path={mesh}", "~source.pose.translation", "~source.pose.rotation")
+    still = [o for o in STILL if not o.startswith("+experiment")]
+    assert train_here(*still, *source, f"hydra.run.dir={folder}") == 0
+    assert files(folder) == {"checkpoints/last.ckpt", "checkpoints/best.ckpt", "log/metrics.csv", "summary.json"}
+    assert json.loads((folder / "summary.json").read_text())["val/error"] < 0.3
+
+
+def test_a_mesh_becomes_a_network_in_the_same_command_once(
+    mesh: Path, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitted = []
+    prepare = SdfFit.prepare
+    monkeypatch.setattr(SdfFit, "prepare", lambda self, shape: fitted.append(shape) or prepare(self, shape))
+    bare = [o for o in (*TINY, "callbacks=none", "optimizer.lr=1e-5") if not o.startswith("callbacks.")]
+    run = (*bare, "shape@source=mesh", f"source.path={mesh}", "shape@target=ball", "steps=2", "validations=1")
+    weights = []
+    for name in ("first", "second"):
+        assert train_here(*run, f"hydra.run.dir={tmp_path / name}") == 0
+        weights.append(torch.load(tmp_path / name / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"])
+        assert len(fitted) == 1
+    assert all(torch.equal(weights[0][key], weights[1][key]) for key in weights[0])
+    assert train_here(*run, "sdf.steps=5", f"hydra.run.dir={tmp_path / 'third'}") == 0
+    assert len(fitted) == 2
+
+
+def test_the_cache_takes_the_content_of_a_mesh_for_its_name(
+    mesh: Path, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitted = []
+    prepare = SdfFit.prepare
+    monkeypatch.setattr(SdfFit, "prepare", lambda self, shape: fitted.append(shape) or prepare(self, shape))
+    monkeypatch.setenv("NSM_CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "a.obj"
+    bare = [o for o in (*TINY, "callbacks=none", "optimizer.lr=1e-5") if not o.startswith("callbacks.")]
+    run = (*bare, "shape@source=mesh", "shape@target=ball", "steps=1", "validations=1", "sdf.steps=60")
+    for subdivisions in (1, 2):
+        trimesh.creation.icosphere(subdivisions).export(path)
+        assert train_here(*run, f"source.path={path}", f"hydra.run.dir={tmp_path / str(subdivisions)}") == 0
+    assert len(fitted) == 2
+    copy = tmp_path / "b.obj"
+    copy.write_bytes(path.read_bytes())
+    assert train_here(*run, f"source.path={copy}", f"hydra.run.dir={tmp_path / 'copy'}") == 0
+    assert len(fitted) == 2
+
+
+def test_a_multirun_ends_with_a_table_of_all_runs(
+    tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = (*BARE, "steps=2", "validations=1", "velocity=free,adadiv", f"hydra.sweep.dir={tmp_path}")
+    assert train_here("-m", *run) == 0
+    folders = sorted(p.parent.relative_to(tmp_path) for p in tmp_path.rglob("summary.json"))
+    assert len(folders) == 2
+    with (tmp_path / "summary.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [Path(row["run"]) for row in rows] == folders
+    assert [row["varied"] for row in rows] == ["velocity=free", "velocity=adadiv"]
+    entries = [torch.load(tmp_path / f / "checkpoints" / "last.ckpt", weights_only=True)["nsm"] for f in folders]
+    assert [e["config"]["velocity"]["_target_"] for e in entries] == ["nsm.fields.Free", "nsm.fields.AdaDiv"]
+    for row in rows:
+        summary = json.loads((tmp_path / row["run"] / "summary.json").read_text())
+        assert float(row["val/error"]) == summary["val/error"]
+    told = capsys.readouterr().out
+    assert "2 runs in" in told
+    assert "velocity=" in told
+
+
+def test_a_run_of_a_sweep_that_is_refused_does_not_stop_the_others(
+    tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = (*BARE, "steps=2", "validations=1", "beta.alpha=-1,0.1", f"hydra.sweep.dir={tmp_path}")
+    assert train_here("-m", *run) == 2
+    assert "nsm: beta.alpha=-1" in capsys.readouterr().err
+    with (tmp_path / "summary.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 1
+
+
+def test_training_moves_f_towards_its_ends(tmp_path: Path, cache: Path) -> None:
+    """A little more than nothing: a short run brings f nearer to the end shapes than it began."""
+    run = (*BARE, "steps=150", "validations=3", "optimizer.lr=3e-3", f"hydra.run.dir={tmp_path}")
+    assert train_here(*run) == 0
+    with (tmp_path / "log" / "metrics.csv").open() as file:
+        losses = np.array([float(row["train/loss"]) for row in csv.DictReader(file) if row["train/loss"]])
+    assert losses[-10:].mean() < 0.3 * losses[:3].mean()
