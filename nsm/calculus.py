@@ -59,7 +59,7 @@ class _ScalarSweep(torch.autograd.Function):
     """Forward evaluation and reverse sweep of a scalar network, with the adjoint of both written out."""
 
     @staticmethod
-    def forward(ctx, x: Tensor, *layers: Tensor) -> tuple[Tensor, Tensor]:  # type: ignore[override]
+    def forward(ctx, x: Tensor, *layers: Tensor) -> tuple[Tensor, Tensor]:
         weights, biases = layers[0::2], layers[1::2]
         h, sines, cosines = x, [], []
         for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
@@ -80,7 +80,7 @@ class _ScalarSweep(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, y_bar: Tensor, gradient_bar: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx, y_bar: Tensor, gradient_bar: Tensor) -> tuple[Tensor | None, ...]:
         n = ctx.depth
         x, saved = ctx.saved_tensors[0], ctx.saved_tensors[1:]
         weights, saved = saved[: n + 1], saved[n + 1 :]
@@ -120,7 +120,7 @@ class _TangentSweep(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx, x: Tensor, directions: int, *layers: Tensor) -> tuple[Tensor, Tensor]:  # type: ignore[override]
+    def forward(ctx, x: Tensor, directions: int, *layers: Tensor) -> tuple[Tensor, Tensor]:
         weights, biases = layers[0::2], layers[1::2]
         n = len(x)
         z = torch.addmm(biases[0], x, weights[0].T)
@@ -141,7 +141,7 @@ class _TangentSweep(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, value_bar: Tensor, jacobian_bar: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx, value_bar: Tensor, jacobian_bar: Tensor) -> tuple[Tensor | None, ...]:
         depth, directions = ctx.depth, ctx.directions
         x, saved = ctx.saved_tensors[0], ctx.saved_tensors[1:]
         weights, saved = saved[: depth + 1], saved[depth + 1 :]

@@ -21,7 +21,7 @@ import tempfile
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import nn
@@ -29,8 +29,12 @@ from torch import nn
 import nsm
 from nsm.errors import InputError
 from nsm.morph import NeuralMorph
+from nsm.shapes import Similarity, SirenShape
+from nsm.shapes.primitive import Pose
 
 FORMAT = 1
+
+T = TypeVar("T", bound=nn.Module)
 
 
 def describe(model: Mapping[str, Any], config: Mapping[str, Any], provenance: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,17 +62,34 @@ def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu")
         InputError: if there is no such file, or it is cut, of another format, or not a checkpoint of a morph.
     """
     file = find_checkpoint(path)
-    morph = load_model(file, "morph.")
-    if not isinstance(morph, NeuralMorph):
-        raise InputError(f"{file} holds a still shape, not a morph: give the checkpoint of a run with task=morph")
+    morph = _load(
+        file, "morph.", NeuralMorph, "a still shape, not a morph: give the checkpoint of a run with task=morph"
+    )
     return morph.to(device).eval().requires_grad_(False)
 
 
-def load_model(file: Path, prefix: str) -> nn.Module:
+def load_shape(path: str | os.PathLike[str], pose: Pose = None) -> SirenShape:
+    """Load the network of a shape, fitted by a run with task=sdf, as a shape.
+
+    Args:
+        path: its checkpoint, or the folder of the run.
+        pose: rotation, translation and scale given to the shape.
+
+    Raises:
+        InputError: as `load_morph` does.
+    """
+    file = find_checkpoint(path)
+    shape = _load(file, "", SirenShape, "a morph, not a single shape: give the checkpoint of a run with task=sdf")
+    return shape.transformed(Similarity.read(pose, shape.dim))
+
+
+def _load(file: Path, prefix: str, kind: type[T], other: str) -> T:
     """Build the model that a checkpoint describes, and give it the weights stored under ``prefix``."""
     content = read_checkpoint(file)
     try:
         model = build(content["nsm"]["model"])
+        if not isinstance(model, kind):
+            raise InputError(f"{file} holds {other}")
         weights = content["state_dict"]
         model.load_state_dict({k.removeprefix(prefix): v for k, v in weights.items() if k.startswith(prefix)})
     except InputError:

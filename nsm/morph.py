@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -85,5 +87,5 @@ class NeuralMorph(nn.Module):
         return torch.cat([x, time.expand(len(x))[:, None]], 1)
 
     @staticmethod
-    def _in_chunks(function, p: Tensor) -> Tensor:  # type: ignore[no-untyped-def]
+    def _in_chunks(function: Callable[[Tensor], Tensor], p: Tensor) -> Tensor:
         return torch.cat([function(chunk) for chunk in p.split(CHUNK)])

@@ -51,7 +51,8 @@ def main(cfg: DictConfig) -> None:
     begin = time.monotonic()
     task, data, steps = prepare[cfg.task.kind](cfg, config)
     prepared = time.monotonic()
-    stop, loggers = StopOnSignal(), []
+    stop = StopOnSignal()
+    loggers: list[Logger] = []
 
     def trainer() -> L.Trainer:
         callbacks = [*instantiate(cfg.callbacks).values(), stop]
@@ -109,7 +110,10 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
     init(morph.field, starting_network(morph.field, ends.source, fit) if init.needs_source else None)
 
     sampler = instantiate(cfg.sampler)
-    pools = [draw_pools(shape, sampler["pool"], cfg.seed + i) for i, shape in enumerate((ends.source, ends.target))]
+    pools = (
+        draw_pools(ends.source, sampler["pool"], cfg.seed),
+        draw_pools(ends.target, sampler["pool"], cfg.seed + 1),
+    )
     box = sampler["box"](dim=dim)
     interior = sampler["fractions"].counts(sampler["size"])[2]
     data = FieldData(

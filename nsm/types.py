@@ -60,9 +60,16 @@ class Morph(Protocol):
     dim: int
     #: Corners (2, d) of the box that holds the morph: lowest first.
     bounds: Tensor
-    #: The end shapes, posed and scaled: (n, d) -> (n,).
-    source: SignedDistance
-    target: SignedDistance
+
+    @property
+    def source(self) -> SignedDistance:
+        """The shape at t = 0, posed and scaled: (n, d) -> (n,)."""
+        ...
+
+    @property
+    def target(self) -> SignedDistance:
+        """The shape at t = 1, posed and scaled: (n, d) -> (n,)."""
+        ...
 
     def __call__(self, x: Tensor, t: float | Tensor) -> Tensor:
         """Signed distance (n,) at x (n, d) and time t, one number or (n,)."""

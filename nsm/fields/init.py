@@ -19,7 +19,7 @@ def siren_init_(network: Siren) -> None:
     activations keep their distribution from layer to layer; biases are uniform in ±1/√(fan in).
     """
     omegas = [*network.omegas, network.omegas[-1]]
-    for i, (linear, omega) in enumerate(zip(network.linears, omegas, strict=True)):
+    for i, (linear, omega) in enumerate(zip(network.linear_layers, omegas, strict=True)):
         fan_in = linear.in_features
         bound = 1 / fan_in if i == 0 else (6 / fan_in) ** 0.5 / omega
         linear.weight.uniform_(-bound, bound)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 from itertools import pairwise
 
 import torch
@@ -51,17 +52,22 @@ class Siren(nn.Module):
         siren_init_(self)
 
     @property
+    def linear_layers(self) -> Sequence[nn.Linear]:
+        """The layers from the first to the last, with their own, unfolded weights."""
+        return cast("Sequence[nn.Linear]", self.linears)
+
+    @property
     def layers(self) -> calculus.Layers:
         """Weights and biases with ω folded in, (ω W_1, ω b_1, …, W, b), as `nsm.calculus` takes them."""
         folded: list[Tensor] = []
-        for linear, omega in zip(self.linears, [*self.omegas, 1.0], strict=True):
+        for linear, omega in zip(self.linear_layers, [*self.omegas, 1.0], strict=True):
             folded += [omega * linear.weight, omega * linear.bias]
         return tuple(folded)
 
     @torch.no_grad()
     def load_layers(self, layers: calculus.Layers) -> None:
-        """Take over folded weights and biases (as `layers` gives them), so that the function is exactly theirs."""
-        for i, (linear, omega) in enumerate(zip(self.linears, [*self.omegas, 1.0], strict=True)):
+        """Take over folded weights and biases (as `layers` gives them), so that the function is theirs, to rounding."""
+        for i, (linear, omega) in enumerate(zip(self.linear_layers, [*self.omegas, 1.0], strict=True)):
             linear.weight.copy_(layers[2 * i] / omega)
             linear.bias.copy_(layers[2 * i + 1] / omega)
 

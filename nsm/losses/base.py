@@ -80,7 +80,7 @@ class Term(ABC):
 
 
 class OverBatch:
-    """A term averaged over *all* points of the batch, counting zero where it is not defined, as the authors' code does."""
+    """A term averaged over *all* points of the batch, zero where it is not defined, as the authors' code does."""
 
     def __init__(self, term: Term) -> None:
         self.term = term

@@ -87,7 +87,7 @@ class MorphSampler:
         around = [pools.ambient(n, generator) for pools, n in zip(self.ends, _halves(ambient), strict=True)]
         space = torch.cat([*(s.points for s in on), *(s.points for s in around), self.box.draw(interior, generator)])
         ends = torch.cat(
-            [torch.full((len(s.points),), float(t)) for samples in (on, around) for t, s in enumerate(samples)]
+            [torch.full((n,), float(t)) for count in (surface, ambient) for t, n in enumerate(_halves(count))]
         )
         when = torch.cat([ends, self.time.draw(interior, generator)]).to(space)
         distances = torch.cat([space.new_zeros(surface), *(s.distances for s in around)])

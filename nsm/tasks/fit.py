@@ -16,7 +16,7 @@ import torch
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
-from nsm.checkpoint import FORMAT, build, read_checkpoint, write_atomically
+from nsm.checkpoint import FORMAT, load_shape, write_atomically
 from nsm.errors import InputError
 from nsm.fields import ScalarSiren
 from nsm.losses import WeightedSum
@@ -97,8 +97,8 @@ class SdfFit:
         with torch.random.fork_rng():  # what follows is drawn alike whether the fit was made now or before
             trainer.fit(task, data)
         fitted = as_shape(task, shape)
-        content = {"state_dict": {f"shape.{k}": v for k, v in fitted.state_dict().items()}}
-        write_atomically({"nsm": {"format": FORMAT, "model": fitted.config()}, **content}, file)
+        entry = {"format": FORMAT, "model": fitted.config()}
+        write_atomically({"nsm": entry, "state_dict": fitted.state_dict()}, file)
         return fitted
 
     def _key(self, shape: Shape) -> str:
@@ -118,14 +118,6 @@ def as_shape(task: SdfTask, shape: Shape) -> SirenShape:
     pose = Similarity.read(provenance["similarity"], shape.dim)
     origin = {key: value for key, value in provenance.items() if key != "similarity"}
     return SirenShape.from_network(task.network, pose, origin)
-
-
-def load_shape(file: Path) -> SirenShape:
-    """Read a fit from the cache."""
-    content = read_checkpoint(file)
-    shape = build(content["nsm"]["model"])
-    shape.load_state_dict({k.removeprefix("shape."): v for k, v in content["state_dict"].items()})
-    return shape
 
 
 def realise(shape: Shape, fit: SdfFit) -> FieldShape:
