@@ -80,13 +80,11 @@ def _listed(names: Names) -> list[str]:
 
 
 def _short_names(files: list[Path]) -> list[str]:
-    """The last two folders of each run; with the name of the file where it is not the best of a run."""
-    names: list[str] = []
-    for file in files:
-        parts = [part for part in run_folder(file).resolve().parts[-2:] if part not in ("outputs", "/")]
-        if (file.parent.name, file.name) != ("checkpoints", "best.ckpt"):
-            parts.append(file.stem)
-        name = "/".join(parts)
-        same = sum(other == name or other.startswith(f"{name} #") for other in names)
-        names.append(f"{name} #{same + 1}" if same else name)
-    return names
+    """The shortest endings of the paths by which all runs differ; the name of the file too where a run comes twice."""
+    runs = [run_folder(file).resolve() for file in files]
+    twice = {run for run in runs if runs.count(run) > 1}
+    paths = [run / file.stem if run in twice else run for run, file in zip(runs, files, strict=True)]
+    length = 1
+    while len({path.parts[-length:] for path in paths}) < len(paths):
+        length += 1
+    return ["/".join(path.parts[-length:]) for path in paths]

@@ -8,8 +8,6 @@ import pytest
 import trimesh
 from runs import BARE, files, train_here
 
-TARGET = ("shape@target=ball", "+source.fit=0.8")
-
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -124,3 +122,19 @@ def test_a_value_that_makes_no_sense(
     assert train_here(*BARE, override, *extra, f"hydra.run.dir={folder}") == 2
     assert word in capsys.readouterr().err
     assert not files(folder)
+
+
+def test_a_fit_that_collapses(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    assert train_here(*BARE, "sdf.loss.terms.eikonal.weight=.inf", f"hydra.run.dir={folder}") == 2
+    said = capsys.readouterr().err
+    assert "nsm: the fit of a network to the ball collapsed (the loss eikonal is not finite at step 0): lower" in said
+    assert "Traceback" not in said
+    assert not files(folder)
+
+
+def test_a_morph_given_as_a_shape(capsys: pytest.CaptureFixture[str], folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "morph"
+    assert train_here(*BARE, "steps=1", "validations=1", f"hydra.run.dir={other}") == 0
+    capsys.readouterr()
+    sentence = refused(capsys, folder, "shape@source=fitted", f"source.path={other}")
+    assert "holds a morph, not a single shape: give the checkpoint of a run with task=sdf" in sentence

@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from nsm.errors import InputError
-from nsm.sampling import Batch, Box, Fractions, MorphSampler, Pools, SdfSampler, UniformTime
+from nsm.sampling import Batch, Box, Fractions, MorphSampler, MovingSurface, Pools, SdfSampler, UniformTime
 from nsm.tasks.data import FieldData, _generator, _Stream
-from nsm.types import DistanceSamples, SurfaceSamples
+from nsm.types import DistanceSamples, Jet, SurfaceSamples
 
 
 def pools(offset: float, dim: int = 2, count: int = 50) -> Pools:
@@ -144,3 +144,56 @@ def test_a_box_smaller_than_that_of_the_shapes_is_refused() -> None:
 def test_times_that_run_backwards_are_refused(start: float, stop: float) -> None:
     with pytest.raises(InputError, match=r"sampler.time has start=.*: give a start before the stop"):
         UniformTime(start, stop)
+
+
+def moving(fraction: float = 0.3, dim: int = 2) -> MovingSurface:
+    return MovingSurface(dim, interior=200, fraction=fraction, width=0.08, reach=0.25)
+
+
+def disk_jet(p: torch.Tensor) -> Jet:
+    """A disk of radius ½ that moves to the right."""
+    x = p[:, :2] - torch.stack([0.3 * p[:, 2], 0 * p[:, 2]], 1)
+    return Jet(x.norm(dim=1) - 0.5, torch.cat([x / x.norm(dim=1, keepdim=True), 0 * p[:, 2:]], 1))
+
+
+def test_the_first_batch_is_as_it_was_drawn() -> None:
+    batch = morph_sampler(400).draw(seeded())
+    assert moving().place(batch, 1.5).points is batch.points
+
+
+def test_interior_points_follow_the_surface_and_stay_near_it() -> None:
+    near, sampler, generator = moving(), morph_sampler(400), seeded()
+    for _ in range(5):
+        drawn = sampler.draw(generator)
+        batch = near.place(drawn, 1.5)
+        interior = batch.points[batch.interior]
+        near.follow(interior, disk_jet(interior))
+    changed = (batch.points != drawn.points).any(1)
+    assert changed[batch.interior].sum() == 60
+    assert not changed[: batch.ambient.stop].any()
+    placed = disk_jet(batch.points[changed])
+    assert placed.value.abs().max() <= 0.08 * 2**0.5 + 1e-6
+    assert placed.value.abs().mean() > 0.01
+    torch.testing.assert_close(disk_jet(near.points).value, torch.zeros(60), atol=1e-6, rtol=0)
+
+
+def test_where_no_surface_is_in_reach_the_last_one_stays() -> None:
+    near = moving()
+    p = torch.rand(200, 3)
+    near.follow(p, disk_jet(p))
+    before = near.points.clone()
+    near.follow(p, Jet(torch.ones(200), torch.ones(200, 3)))
+    assert torch.equal(near.points, before)
+
+
+def test_without_a_fraction_nothing_moves() -> None:
+    near, p = moving(0.0), torch.rand(200, 3)
+    near.follow(p, disk_jet(p))
+    batch = morph_sampler(400).draw(seeded())
+    assert near.place(batch, 1.5).points is batch.points
+
+
+@pytest.mark.parametrize("fraction", [-0.1, 1.1, float("nan")])
+def test_a_fraction_that_is_none_is_refused(fraction: float) -> None:
+    with pytest.raises(InputError, match=r"sampler.near.fraction=.* is no part of the interior points: give 0 to 1"):
+        moving(fraction)

@@ -16,6 +16,7 @@ import trimesh
 from runs import BARE, DISK, STILL, TINY, files, train_here
 
 from nsm import load_morph
+from nsm.checkpoint import load_shape
 from nsm.morph import NeuralMorph
 from nsm.tasks.fit import SdfFit
 from nsm.types import Morph
@@ -157,6 +158,16 @@ def test_one_shape_alone_becomes_a_network_that_serves_as_an_end_of_a_morph(
     assert train_here(*still, *source, f"hydra.run.dir={folder}") == 0
     assert files(folder) == {"checkpoints/last.ckpt", "checkpoints/best.ckpt", "log/metrics.csv", "summary.json"}
     assert json.loads((folder / "summary.json").read_text())["val/error"] < 0.3
+
+    bare = [o for o in (*TINY, "callbacks=none", "optimizer.lr=1e-5") if not o.startswith("callbacks.")]
+    ends = ("shape@source=fitted", f"source.path={folder}", "shape@target=ball", "source.pose.translation=[0.1,0,0]")
+    morph = tmp_path / "morph"
+    assert train_here(*bare, *ends, "steps=1", "validations=1", f"hydra.run.dir={morph}") == 0
+    shape, loaded = load_shape(folder), load_morph(morph)
+    entry = torch.load(morph / "checkpoints" / "last.ckpt", weights_only=True)["nsm"]
+    scale, x = entry["provenance"]["source"]["scale"], torch.rand(20, 3) - 0.5
+    moved = shape(x / scale - torch.tensor([0.1, 0.0, 0.0])) * scale
+    torch.testing.assert_close(loaded.source(x), moved, rtol=1e-4, atol=1e-5)
 
 
 def test_a_mesh_becomes_a_network_in_the_same_command_once(

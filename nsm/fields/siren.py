@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import cast
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import cast
 
 import torch
 from jaxtyping import Float
@@ -52,9 +52,9 @@ class Siren(nn.Module):
         siren_init_(self)
 
     @property
-    def linear_layers(self) -> Sequence[nn.Linear]:
+    def linear_layers(self) -> list[nn.Linear]:
         """The layers from the first to the last, with their own, unfolded weights."""
-        return cast("Sequence[nn.Linear]", self.linears)
+        return list(cast("Iterable[nn.Linear]", self.linears))
 
     @property
     def layers(self) -> calculus.Layers:

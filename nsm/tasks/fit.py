@@ -22,6 +22,7 @@ from nsm.fields import ScalarSiren
 from nsm.losses import WeightedSum
 from nsm.sampling import Box, Fractions, Pools, SdfSampler
 from nsm.shapes import FieldShape, Shape, Similarity, SirenShape
+from nsm.tasks.base import Collapse
 from nsm.tasks.data import FieldData
 from nsm.tasks.sdf import SdfTask
 
@@ -81,7 +82,15 @@ class SdfFit:
         return SdfTask(network, self.loss, self.optimizer, self.scheduler), data
 
     def __call__(self, shape: Shape) -> SirenShape:
-        """The network of a shape: from the cache if this very fit was made before, else fitted now."""
+        """The network of a shape: from the cache if this very fit was made before, else fitted now.
+
+        Raises:
+            InputError: if the fit collapses.
+        """
+        with torch.random.fork_rng():  # what follows is drawn alike whether the fit was made now or before
+            return self._loaded_or_fitted(shape)
+
+    def _loaded_or_fitted(self, shape: Shape) -> SirenShape:
         file = cache_folder() / f"{self._key(shape)}.ckpt"
         if file.is_file():
             try:
@@ -94,8 +103,12 @@ class SdfFit:
         trainer = self.trainer(
             max_steps=self.steps, val_check_interval=self.steps, logger=False, enable_checkpointing=False
         )
-        with torch.random.fork_rng():  # what follows is drawn alike whether the fit was made now or before
+        try:
             trainer.fit(task, data)
+        except Collapse as collapse:
+            raise InputError(
+                f"the fit of a network to the {kind} collapsed ({collapse}): lower sdf.optimizer.lr fourfold"
+            ) from collapse
         fitted = as_shape(task, shape)
         entry = {"format": FORMAT, "model": fitted.config()}
         write_atomically({"nsm": entry, "state_dict": fitted.state_dict()}, file)

@@ -71,7 +71,7 @@ def render_strip(
             fill(axis)
             axis.set_xticks([])
             axis.set_yticks([])
-            axis.spines[:].set_visible(False)
+            axis.spines[:].set(visible=dims == {2}, color="0.8", linewidth=0.5)
         axes[0].set_ylabel(name, fontsize=8)
     for axis, time in zip(grid[-1], times, strict=True):
         axis.set_xlabel(f"t = {time:.3g}", fontsize=8)
