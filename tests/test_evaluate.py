@@ -86,7 +86,7 @@ def test_a_narrow_terminal_shows_whole_numbers(
 def test_the_same_name_is_given_once(tmp_path: Path) -> None:
     files = [save(shrinking(2, 0.1), tmp_path / str(i) / "x" / "run" / "checkpoints" / "best.ckpt") for i in range(3)]
     names = [s.name for s in load_subjects([str(f) for f in files], None, "nsm.evaluate")]
-    assert names == ["1/x/run", "2/x/run", "3/x/run"]
+    assert names == ["0/x/run", "1/x/run", "2/x/run"]
 
 
 def test_a_surface_that_vanishes_is_measured_all_the_same(tmp_path: Path) -> None:
