@@ -17,7 +17,7 @@ from lightning.pytorch.loggers import Logger, WandbLogger
 from omegaconf import DictConfig, OmegaConf
 
 from nsm import entry
-from nsm.callbacks import Progress, StopOnSignal
+from nsm.callbacks import ExitOnSignal, Progress, StopOnSignal
 from nsm.checkpoint import build, describe
 from nsm.errors import InputError
 from nsm.files import whole_file
@@ -144,7 +144,7 @@ def _prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, Fi
 
 def _fit(cfg: DictConfig, config: dict[str, Any]) -> Any:
     def trainer(**arguments: Any) -> L.Trainer:
-        return instantiate(cfg.trainer)(callbacks=[Progress("fitting a shape")], **arguments)
+        return instantiate(cfg.trainer)(callbacks=[Progress("fitting a shape"), ExitOnSignal()], **arguments)
 
     return instantiate(cfg.sdf)(settings=config["sdf"], trainer=trainer)
 

@@ -17,7 +17,7 @@ from problems import translating_ball
 from runs import DISK, TINY, files, train_here
 
 from nsm.callbacks.mesh_snapshots import save_frame
-from nsm.tasks import FieldTask
+from nsm.tasks import MorphTask
 
 #: A ball that stays where it is, in space.
 BALL = (*TINY, "shape@source=ball", "shape@target=ball", "optimizer.lr=1e-5", "steps=2", "validations=1")
@@ -57,15 +57,15 @@ def test_meshes_of_every_fifth_validation_and_of_the_last(tmp_path: Path) -> Non
 
 
 def test_the_volume_history_survives_a_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    undisturbed = FieldTask.training_step
+    undisturbed = MorphTask.training_step
 
-    def disturbed(self: FieldTask, batch: Any, index: int) -> Any:
+    def disturbed(self: MorphTask, batch: Any, index: int) -> Any:
         if self.global_step == 8 and not (tmp_path / "stopped").exists():
             (tmp_path / "stopped").touch()
             os.kill(os.getpid(), signal.SIGTERM)
         return undisturbed(self, batch, index)
 
-    monkeypatch.setattr(FieldTask, "training_step", disturbed)
+    monkeypatch.setattr(MorphTask, "training_step", disturbed)
     assert train_here(*DISK, f"hydra.run.dir={tmp_path}") == 143
     assert "strip.png" not in files(tmp_path)
     assert train_here(*DISK, f"hydra.run.dir={tmp_path}", "resume=true") == 0

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import torch
-from runs import BARE, train_here
+from runs import BARE, files, train_here
 from torch import Tensor
 
 from nsm import load_morph
@@ -111,6 +111,19 @@ def test_a_signal_stops_between_two_steps_and_resuming_gives_the_weights_of_a_ru
     for part in ("optimizer_states", "lr_schedulers", "global_step"):
         assert same(state(folder)[part], state(whole)[part]), part
     assert same(load_morph(folder).state_dict(), load_morph(whole).state_dict())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_a_shape_is_being_fitted_ends_the_command_and_leaves_nothing(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_step: Any
+) -> None:
+    monkeypatch.setenv("NSM_CACHE_DIR", str(tmp_path / "cache"))
+    at_step(3, lambda: os.kill(os.getpid(), number))
+    before = signal.getsignal(number)
+    assert train_here(*RUN, f"hydra.run.dir={tmp_path / 'run'}") == 128 + number
+    assert signal.getsignal(number) == before
+    assert not files(tmp_path / "run")
+    assert not files(tmp_path / "cache")
 
 
 def test_signals_are_given_back(whole: Path, tmp_path: Path, at_step: Any) -> None:
