@@ -20,7 +20,7 @@ from torch import Tensor
 
 from nsm import load_morph
 from nsm.losses import WeightedSum
-from nsm.tasks import FieldTask, MorphTask
+from nsm.tasks import FieldTask, MorphTask, SdfTask
 
 #: Validations, and with them checkpoints, after 8, 16 and 24 steps of 24.
 RUN = (*BARE, "steps=24", "validations=3", "optimizer.precondition_frequency=3")
@@ -68,11 +68,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory, cache: None) -> Path:
 
 
 @pytest.fixture
-def at_step(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, Callable[[], Any]], None]:
+def at_step(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Do something in the middle of a step, once."""
 
-    def arrange(step: int, act: Callable[[], Any]) -> None:
-        undisturbed, done = FieldTask.training_step, []
+    def arrange(step: int, act: Callable[[], Any], task: type[FieldTask] = MorphTask) -> None:
+        undisturbed, done = task.training_step, []
 
         def disturbed(self: FieldTask, batch: Any, index: int) -> Tensor:
             if self.global_step == step and not done:
@@ -80,7 +80,7 @@ def at_step(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, Callable[[], Any]
                 act()
             return undisturbed(self, batch, index)
 
-        monkeypatch.setattr(FieldTask, "training_step", disturbed)
+        monkeypatch.setattr(task, "training_step", disturbed)
 
     return arrange
 
@@ -118,7 +118,7 @@ def test_a_signal_while_a_shape_is_being_fitted_ends_the_command_and_leaves_noth
     number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_step: Any
 ) -> None:
     monkeypatch.setenv("NSM_CACHE_DIR", str(tmp_path / "cache"))
-    at_step(3, lambda: os.kill(os.getpid(), number))
+    at_step(3, lambda: os.kill(os.getpid(), number), SdfTask)
     before = signal.getsignal(number)
     assert train_here(*RUN, f"hydra.run.dir={tmp_path / 'run'}") == 128 + number
     assert signal.getsignal(number) == before
@@ -278,15 +278,15 @@ def test_a_collapse_goes_back_to_the_last_good_checkpoint_with_half_the_step(
 def test_a_second_collapse_ends_with_a_sentence_and_leaves_the_last_good_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    undisturbed = FieldTask.training_step
+    undisturbed = MorphTask.training_step
 
-    def blown_up(self: FieldTask, batch: Any, index: int) -> Tensor:
+    def blown_up(self: MorphTask, batch: Any, index: int) -> Tensor:
         if self.global_step >= 10:
             with torch.no_grad():
                 next(self.parameters()).mul_(torch.nan)
         return undisturbed(self, batch, index)
 
-    monkeypatch.setattr(FieldTask, "training_step", blown_up)
+    monkeypatch.setattr(MorphTask, "training_step", blown_up)
     assert train_here(*RUN, f"hydra.run.dir={tmp_path}") == 2
     said = capsys.readouterr().err
     assert "nsm: training collapsed twice (the loss level_set, dirichlet" in said

@@ -8,4 +8,13 @@ from nsm.callbacks.progress import Progress
 from nsm.callbacks.strip import Strip
 from nsm.callbacks.volume_curve import VolumeCurveLog
 
-__all__ = ["Checkpoints", "CsvLog", "ExitOnSignal", "MeshSnapshots", "Progress", "StopOnSignal", "Strip", "VolumeCurveLog"]
+__all__ = [
+    "Checkpoints",
+    "CsvLog",
+    "ExitOnSignal",
+    "MeshSnapshots",
+    "Progress",
+    "StopOnSignal",
+    "Strip",
+    "VolumeCurveLog",
+]
