@@ -17,7 +17,6 @@ from __future__ import annotations
 import importlib
 import inspect
 import os
-import tempfile
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -29,7 +28,7 @@ from torch import nn
 import nsm
 from nsm.errors import InputError
 from nsm.morph import NeuralMorph
-from nsm.shapes import Similarity, SirenShape
+from nsm.shapes import Similarity, SirenFile, SirenShape
 from nsm.shapes.primitive import Pose
 
 FORMAT = 1
@@ -164,23 +163,12 @@ def _module_class(target: Any) -> type[nn.Module]:
             found = getattr(importlib.import_module(module), name, None)
         except ImportError:
             found = None
-    if not (inspect.isclass(found) and issubclass(found, nn.Module) and found.__module__.startswith("nsm.")):
+    ours = inspect.isclass(found) and issubclass(found, nn.Module) and found.__module__.startswith("nsm.")
+    if not ours or issubclass(found, SirenFile):  # which would read, or download, another file
         raise InputError(
             f"a checkpoint names {target!r}, which is no network, field or shape of nsm: do not trust this file"
         )
     return found
-
-
-def write_atomically(content: Any, file: Path) -> None:
-    """``torch.save`` to a temporary file beside, then moved into place: the file is whole or not there."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=file.parent, suffix=".part")
-    os.close(handle)
-    try:
-        torch.save(content, temporary)
-        os.replace(temporary, file)
-    finally:
-        Path(temporary).unlink(missing_ok=True)
 
 
 def _first_line(error: BaseException) -> str:

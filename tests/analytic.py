@@ -12,7 +12,7 @@ from unittest import mock
 import torch
 
 from nsm import entry
-from nsm.checkpoint import describe, write_atomically
+from nsm.checkpoint import describe
 from nsm.fields import ScalarSiren
 from nsm.morph import NeuralMorph
 from nsm.shapes import Ball, FieldShape
@@ -70,7 +70,8 @@ def save(morph: NeuralMorph, file: Path, **entry_values: Any) -> Path:
     }
     provenance = {"source": morph.source.provenance(), "target": morph.target.provenance()}
     state = {f"morph.{name}": value for name, value in morph.state_dict().items()}
-    write_atomically({"nsm": describe(model, {}, provenance) | entry_values, "state_dict": state}, file)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    torch.save({"nsm": describe(model, {}, provenance) | entry_values, "state_dict": state}, file)
     return file
 
 

@@ -26,6 +26,7 @@ TINY = (
     "sdf.size=200",
     "sdf.pool=500",
     "sdf.steps=120",
+    "sdf.tolerance=10.0",
     "task.volume_resolution=16",
     "task.volume_times=3",
     "callbacks.meshes.resolution=12",

@@ -127,7 +127,7 @@ def test_a_value_that_makes_no_sense(
 def test_a_fit_that_collapses(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     assert train_here(*BARE, "sdf.loss.terms.eikonal.weight=inf", f"hydra.run.dir={folder}") == 2
     said = capsys.readouterr().err
-    assert "nsm: the fit of a network to the ball collapsed (the loss eikonal is not finite at step 0): lower" in said
+    assert "nsm: no network could be fitted to the ball (the loss eikonal is not finite at step 0): lower" in said
     assert "Traceback" not in said
     assert not files(folder)
 

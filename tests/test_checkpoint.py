@@ -13,7 +13,7 @@ from torch import nn
 
 import nsm
 from nsm import load_morph
-from nsm.checkpoint import FORMAT, build, read_checkpoint, write_atomically
+from nsm.checkpoint import FORMAT, build, read_checkpoint
 from nsm.errors import InputError
 from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
 from nsm.morph import NeuralMorph
@@ -39,6 +39,11 @@ MODEL: dict[str, Any] = {
 }
 
 
+def save(content: Any, file: Path) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    torch.save(content, file)
+
+
 def content(**changes: Any) -> dict[str, Any]:
     """What a checkpoint of a small morph holds."""
     state = {f"morph.{key}": value for key, value in build(MODEL).state_dict().items()}
@@ -49,7 +54,7 @@ def content(**changes: Any) -> dict[str, Any]:
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "a.ckpt"
-    write_atomically(content(), path)
+    save(content(), path)
     return path
 
 
@@ -105,7 +110,7 @@ def test_a_folder_means_its_best_checkpoint_and_else_its_last(tmp_path: Path) ->
     with pytest.raises(InputError, match=r"holds no checkpoints/best.ckpt: give a checkpoint, or the folder of a"):
         load_morph(tmp_path)
     for name in ("last", "best"):
-        write_atomically(content(), tmp_path / "checkpoints" / f"{name}.ckpt")
+        save(content(), tmp_path / "checkpoints" / f"{name}.ckpt")
         expected = torch.load(tmp_path / "checkpoints" / f"{name}.ckpt", weights_only=True)["state_dict"]
         assert torch.equal(load_morph(tmp_path).field.linears[0].weight, expected["morph.field.linears.0.weight"])
 
@@ -140,7 +145,7 @@ def test_a_file_of_torch_that_is_no_checkpoint_of_nsm(other: Any, file: Path) ->
 
 
 def test_another_format_says_which_version_wrote_it(file: Path) -> None:
-    write_atomically(content(format=99, version="7.8"), file)
+    save(content(format=99, version="7.8"), file)
     with pytest.raises(InputError, match=r"checkpoint format 99 \(written by nsm 7.8\).* reads format 1: load it with"):
         load_morph(file)
 
@@ -162,7 +167,7 @@ def test_another_format_says_which_version_wrote_it(file: Path) -> None:
     ],
 )
 def test_a_description_that_does_not_fit_the_weights(model: Any, file: Path) -> None:
-    write_atomically(content(model=model), file)
+    save(content(model=model), file)
     with pytest.raises(InputError):
         load_morph(file)
 
@@ -170,7 +175,7 @@ def test_a_description_that_does_not_fit_the_weights(model: Any, file: Path) -> 
 def test_weights_that_are_missing(file: Path) -> None:
     whole = content()
     del whole["state_dict"]["morph.field.linears.0.weight"]
-    write_atomically(whole, file)
+    save(whole, file)
     with pytest.raises(InputError, match="is damaged: its weights do not fit the model"):
         load_morph(file)
 
@@ -212,7 +217,7 @@ def test_code_hidden_in_a_file_does_not_run(place: str, file: Path, tmp_path: Pa
         "nsm.files.os.system",
         "nsm.checkpoint.torch.load",
         "nsm.checkpoint.importlib.import_module",
-        "nsm.checkpoint.write_atomically",
+        "nsm.checkpoint.describe",
         "nsm.checkpoint.nn.Linear",
         "nsm.checkpoint.Path",
         "nsm.writers.write_mesh",
@@ -244,7 +249,7 @@ def test_a_name_that_is_no_module_of_ours_is_not_called(target: Any, place: str,
         "beta": {**MODEL, "velocity": {**MODEL["velocity"], "beta": {**node, "_partial_": True}}},
         "source": {**MODEL, "source": node},
     }[place]
-    write_atomically(content(model=model), file)
+    save(content(model=model), file)
     with pytest.raises(InputError, match=r"a checkpoint names .*, which is no network, field or shape of nsm: do not"):
         load_morph(file)
     assert not marker.exists()
@@ -253,18 +258,9 @@ def test_a_name_that_is_no_module_of_ours_is_not_called(target: Any, place: str,
 def test_a_shape_that_reads_files_may_not_be_named(file: Path) -> None:
     """A checkpoint holds the weights of its end shapes; one that wants a path from this machine is not ours."""
     node = {"_target_": "nsm.shapes.MeshFile", "path": "/etc/passwd"}
-    write_atomically(content(model={**MODEL, "source": node}), file)
+    save(content(model={**MODEL, "source": node}), file)
     with pytest.raises(InputError):
         load_morph(file)
-
-
-def test_writing_is_whole_or_not_at_all(tmp_path: Path) -> None:
-    path = tmp_path / "a.ckpt"
-    write_atomically({"a": 1}, path)
-    with pytest.raises(AttributeError, match="pickle"):
-        write_atomically({"a": lambda: None}, path)
-    assert torch.load(path, weights_only=True) == {"a": 1}
-    assert [p.name for p in tmp_path.iterdir()] == ["a.ckpt"]
 
 
 def test_the_checkpoint_of_a_still_shape_is_no_morph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,7 +272,7 @@ def test_the_checkpoint_of_a_still_shape_is_no_morph(tmp_path: Path, monkeypatch
 
 
 def test_reading_keeps_the_configuration_and_where_shapes_come_from(file: Path) -> None:
-    write_atomically(content(config={"seed": 3}, provenance={"source": {"scale": 0.9}}), file)
+    save(content(config={"seed": 3}, provenance={"source": {"scale": 0.9}}), file)
     entry = read_checkpoint(file)["nsm"]
     assert entry["config"] == {"seed": 3}
     assert entry["provenance"]["source"]["scale"] == 0.9

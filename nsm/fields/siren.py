@@ -25,6 +25,8 @@ class Siren(nn.Module):
         hidden_features: width of the hidden layers.
         hidden_layers: how many there are (the paper: 6 of 128).
         omega: frequency ω_l, one for all hidden layers or one each.
+        first_omega: another ω_1, which sets the frequencies that the network starts with: a signed distance needs
+            low ones, and an optimiser's step moves the first layer the farther the higher it is.
 
     Raises:
         InputError: if ``omega`` is a sequence of another length than ``hidden_layers``.
@@ -37,6 +39,7 @@ class Siren(nn.Module):
         hidden_features: int = 128,
         hidden_layers: int = 6,
         omega: float | Sequence[float] = 30.0,
+        first_omega: float | None = None,
     ) -> None:
         super().__init__()
         omegas = [float(omega)] * hidden_layers if isinstance(omega, (int, float)) else [float(w) for w in omega]
@@ -46,6 +49,8 @@ class Siren(nn.Module):
             )
         self.in_features, self.out_features = in_features, out_features
         self.hidden_features, self.hidden_layers = hidden_features, hidden_layers
+        if first_omega is not None and omegas:
+            omegas[0] = float(first_omega)
         self.omegas = omegas
         widths = [in_features, *[hidden_features] * hidden_layers, out_features]
         self.linears = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
@@ -81,8 +86,9 @@ class ScalarSiren(Siren):
         hidden_features: int = 128,
         hidden_layers: int = 6,
         omega: float | Sequence[float] = 30.0,
+        first_omega: float | None = None,
     ) -> None:
-        super().__init__(in_features, 1, hidden_features, hidden_layers, omega)
+        super().__init__(in_features, 1, hidden_features, hidden_layers, omega, first_omega)
 
     def forward(self, x: Float[Tensor, "n k"]) -> Float[Tensor, " n"]:
         """Value (n,) at x (n, k)."""

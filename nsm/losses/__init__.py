@@ -3,7 +3,7 @@
 from nsm.losses.base import Evaluation, OverBatch, Term, WeightedSum
 from nsm.losses.boundary import AmbientDirichlet, Neumann, NormalAlignment, NormalMatch, SurfaceDirichlet
 from nsm.losses.divergence import Divergence
-from nsm.losses.eikonal import Eikonal
+from nsm.losses.eikonal import Eikonal, SoftEikonal
 from nsm.losses.level_set import LevelSet
 from nsm.losses.official import DecoupledEikonal, OfficialDirichlet
 
@@ -19,6 +19,7 @@ __all__ = [
     "NormalMatch",
     "OfficialDirichlet",
     "OverBatch",
+    "SoftEikonal",
     "SurfaceDirichlet",
     "Term",
     "WeightedSum",

@@ -16,12 +16,13 @@ import torch
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
-from nsm.checkpoint import FORMAT, load_shape, write_atomically
+from nsm.checkpoint import FORMAT, load_shape
 from nsm.errors import InputError
 from nsm.fields import ScalarSiren
+from nsm.files import whole_file
 from nsm.losses import WeightedSum
 from nsm.sampling import Box, Fractions, Pools, SdfSampler
-from nsm.shapes import FieldShape, Shape, Similarity, SirenShape
+from nsm.shapes import FieldShape, Shape, Similarity, SirenShape, working_box
 from nsm.tasks.base import Collapse
 from nsm.tasks.data import FieldData
 from nsm.tasks.sdf import SdfTask
@@ -43,6 +44,8 @@ class SdfFit:
         size: points in a batch.
         fractions: how they are divided.
         pool: points on and around the shape whose targets are computed once.
+        half_width: g is fitted in the box [−h, h]^d, as f will start from it there.
+        tolerance: a fit has failed if its surface is farther than this from the shape on average.
         seed: of the weights, the pools and the batches.
         settings: all of the above as plain values; with the content of the shape, they name the fit in the cache.
         trainer: makes the trainer of a fit that is needed on the way, called with ``max_steps``.
@@ -58,6 +61,8 @@ class SdfFit:
         size: int,
         fractions: Fractions,
         pool: int,
+        half_width: float,
+        tolerance: float,
         seed: int,
         settings: Mapping[str, Any],
         trainer: Callable[..., L.Trainer],
@@ -65,12 +70,13 @@ class SdfFit:
         self.network, self.loss = network, loss
         self.optimizer, self.scheduler = optimizer, scheduler
         self.steps, self.size, self.fractions, self.pool, self.seed = steps, size, fractions, pool, seed
+        self.half_width, self.tolerance = half_width, tolerance
         self.settings, self.trainer = dict(settings), trainer
 
     def prepare(self, shape: Shape) -> tuple[SdfTask, FieldData]:
         """The task and the data that fit a shape."""
-        pools = draw_pools(shape, self.pool, self.seed)
-        box = Box(shape.dim, 1.0)
+        box = Box(shape.dim, self.half_width)
+        pools = draw_pools(shape, self.pool, self.seed, self.half_width)
         data = FieldData(
             SdfSampler(pools, box, self.size, self.fractions),
             SdfSampler(pools, box, _VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
@@ -85,7 +91,7 @@ class SdfFit:
         """The network of a shape: from the cache if this very fit was made before, else fitted now.
 
         Raises:
-            InputError: if the fit collapses.
+            InputError: if the fit fails twice.
         """
         with torch.random.fork_rng():  # what follows is drawn alike whether the fit was made now or before
             return self._loaded_or_fitted(shape)
@@ -99,30 +105,44 @@ class SdfFit:
                 log.warning("the cached fit %s cannot be read and is made again", file)
         kind = shape.provenance()["kind"]
         log.info("fitting a network to the %s: %d steps, then kept in %s", kind, self.steps, file.parent)
-        task, data = self.prepare(shape)
-        trainer = self.trainer(
-            max_steps=self.steps, val_check_interval=self.steps, logger=False, enable_checkpointing=False
-        )
-        try:
-            trainer.fit(task, data)
-        except Collapse as collapse:
-            raise InputError(
-                f"the fit of a network to the {kind} collapsed ({collapse}): lower sdf.optimizer.lr fourfold"
-            ) from collapse
-        fitted = as_shape(task, shape)
+        fitted = as_shape(self._fitted(shape), shape)
         entry = {"format": FORMAT, "model": fitted.config()}
-        write_atomically({"nsm": entry, "state_dict": fitted.state_dict()}, file)
+        with whole_file(file) as temporary:
+            torch.save({"nsm": entry, "state_dict": fitted.state_dict()}, temporary)
         return fitted
+
+    def _fitted(self, shape: Shape) -> SdfTask:
+        """A finished fit; one that collapses or stays far from the shape is made again, once, with half the step."""
+        for scale in (1.0, 0.5):
+            task, data = self.prepare(shape)
+            task.step_scale = scale
+            trainer = self.trainer(
+                max_steps=self.steps, val_check_interval=self.steps, logger=False, enable_checkpointing=False
+            )
+            try:
+                trainer.fit(task, data)
+                error = float(trainer.callback_metrics["val/error"])
+                if error < self.tolerance:
+                    return task
+                problem = f"its surface is {error:.2g} away from the shape on average"
+            except Collapse as collapse:
+                problem = str(collapse)
+            log.warning("the fit failed with %g of the learning rate: %s", scale, problem)
+        raise InputError(
+            f"no network could be fitted to the {shape.provenance()['kind']} ({problem}): lower sdf.optimizer.lr "
+            "fourfold, or raise sdf.steps"
+        )
 
     def _key(self, shape: Shape) -> str:
         settings = json.dumps([FORMAT, shape.content_key(), self.settings], sort_keys=True)
         return hashlib.sha256(settings.encode()).hexdigest()[:32]
 
 
-def draw_pools(shape: Shape, count: int, seed: int) -> Pools:
-    """Points on and around a shape, with their targets."""
+def draw_pools(shape: Shape, count: int, seed: int, half_width: float = 1.0) -> Pools:
+    """Points on a shape, and around it in the box [−h, h]^d, with their targets."""
     generator = torch.Generator().manual_seed(seed)
-    return Pools(shape.surface_samples(count, generator), shape.distance_samples(count, generator))
+    box = half_width * working_box(shape.dim)
+    return Pools(shape.surface_samples(count, generator), shape.distance_samples(count, generator, box))
 
 
 def as_shape(task: SdfTask, shape: Shape) -> SirenShape:
