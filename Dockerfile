@@ -1,6 +1,6 @@
 # CPU:   docker build -t nsm .
 # CUDA:  docker build -t nsm:cuda --build-arg BASE=nvidia/cuda:12.8.1-base-ubuntu24.04 .
-#        docker run --gpus all -v "$PWD/outputs:/work/outputs" nsm:cuda trainer.accelerator=gpu
+#        docker run --gpus all -v "$PWD/outputs:/home/nsm/outputs" nsm:cuda trainer.accelerator=gpu
 # Any Debian or Ubuntu base does; one that brings no Python 3.11 or newer gets its own distribution's.
 ARG BASE=python:3.11-slim
 FROM ${BASE}
@@ -20,7 +20,7 @@ RUN if ! command -v python3 >/dev/null; then \
     fi \
     && python3 -m venv /opt/nsm \
     && useradd --create-home --uid 10001 --user-group nsm \
-    && install --directory --owner=nsm --group=nsm /work /work/outputs
+    && install --directory --owner=nsm --group=nsm /home/nsm/outputs
 
 # torch first, in a layer that a change of the code leaves alone.
 COPY constraints.txt /tmp/nsm/
@@ -32,8 +32,8 @@ COPY nsm /tmp/nsm/nsm
 RUN pip install --constraint /tmp/nsm/constraints.txt /tmp/nsm
 
 USER 10001:10001
-WORKDIR /work
-VOLUME /work/outputs
+WORKDIR /home/nsm
+VOLUME /home/nsm/outputs
 
 ENTRYPOINT ["python", "-m"]
 CMD ["nsm.train"]

@@ -44,7 +44,12 @@ def beta_of(name: str) -> Beta:
 
 
 def velocity_of(name: str, dim: int) -> Velocity:
-    small = ["network.velocity.hidden_features=8", "network.velocity.hidden_layers=2", "network.velocity.omega=2"]
+    small = [
+        "network.velocity.hidden_features=8",
+        "network.velocity.hidden_layers=2",
+        "network.velocity.omega=2",
+        "network.velocity.first_omega=2",
+    ]
     return instantiate(composed(f"velocity={name}", *small).velocity, dim=dim, _convert_="all").double()
 
 

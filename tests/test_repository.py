@@ -48,7 +48,7 @@ def test_pins_name_versions_and_no_places_or_builds() -> None:
 def test_the_broken_releases_of_lightning_are_excluded() -> None:
     lightning = next(r for r in requirements() if r.name == "lightning")
     assert not any(lightning.specifier.contains(bad) for bad in ("2.4.0", "2.6.2", "2.6.3"))
-    assert lightning.specifier.contains("2.5.0")
+    assert lightning.specifier.contains("2.6.1")
 
 
 def test_style_is_checked_by_the_same_ruff_everywhere() -> None:

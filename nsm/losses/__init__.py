@@ -1,9 +1,9 @@
 """Loss terms, and their weighted sum."""
 
 from nsm.losses.base import Evaluation, OverBatch, Term, WeightedSum
-from nsm.losses.boundary import AmbientDirichlet, Neumann, NormalAlignment, NormalMatch, SurfaceDirichlet
+from nsm.losses.boundary import AmbientDirichlet, EndVolume, Neumann, NormalAlignment, NormalMatch, SurfaceDirichlet
 from nsm.losses.divergence import Divergence
-from nsm.losses.eikonal import Eikonal, SoftEikonal
+from nsm.losses.eikonal import Eikonal
 from nsm.losses.level_set import LevelSet
 from nsm.losses.official import DecoupledEikonal, OfficialDirichlet
 
@@ -12,6 +12,7 @@ __all__ = [
     "DecoupledEikonal",
     "Divergence",
     "Eikonal",
+    "EndVolume",
     "Evaluation",
     "LevelSet",
     "Neumann",
@@ -19,7 +20,6 @@ __all__ = [
     "NormalMatch",
     "OfficialDirichlet",
     "OverBatch",
-    "SoftEikonal",
     "SurfaceDirichlet",
     "Term",
     "WeightedSum",
