@@ -30,6 +30,8 @@ log = logging.getLogger(__name__)
 
 #: Points by which validation judges a morph, half of them on each end shape.
 VALIDATION_POINTS = 8000
+#: An error of volume at the ends that is told.
+VOLUME_WARNING = 0.05
 #: Makes what a config names, from plain lists and dicts: nothing of the configuration ends up in a checkpoint.
 instantiate = partial(hydra_instantiate, _convert_="all")
 
@@ -155,6 +157,12 @@ def _summarise(trainer: L.Trainer, folder: Path, preparing: float, training: flo
     summary = {"steps": trainer.global_step, "preparing_s": preparing, "training_s": training, **figures}
     with whole_file(folder / "summary.json") as temporary:
         temporary.write_text(json.dumps(summary, indent=2) + "\n")
+    if (off := figures.get("val/volume_error", 0.0)) > VOLUME_WARNING:
+        log.warning(
+            "the volume of the morph is %.0f %% off that of its end shapes: look at the strip for pieces that belong "
+            "to neither, and train with half of optimizer.lr or more steps",
+            100 * off,
+        )
     log.info("%d steps in %.0f s, after %.0f s of preparation", trainer.global_step, training, preparing)
     for file in sorted(
         p for p in folder.rglob("*") if p.is_file() and not p.relative_to(folder).parts[0].startswith(".")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import torch
+from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
+from nsm.geometry.volume import volume
 from nsm.losses import Evaluation, WeightedSum
 from nsm.metrics import VolumeCurve, even_times, volume_curve
 from nsm.morph import NeuralMorph
@@ -25,8 +28,8 @@ class MorphTask(FieldTask):
 
     Validation measures what a user sees, all in units of length:
     ``val/distance``, the mean distance |f|/‖∇f‖ of f's surface from fixed points of the end shapes;
-    ``val/drift``, the largest change of volume as the displacement of the surface that makes it,
-    |V(t)/V(0) − 1| V(0)^(1/d) / d;
+    ``val/drift``, the largest error of volume as the displacement of the surface that makes it, r V(0)^(1/d) / d with r
+    the greatest of |V(t)/V(0) − 1| and of the same for f and the end shapes (a blob far from a shape shows only there);
     and their sum ``val/error``, by which the best checkpoint is chosen.
 
     Args:
@@ -79,18 +82,29 @@ class MorphTask(FieldTask):
             )
         distance = (jet.value.abs() / slope).mean()
         curve = self._measure_volume()
-        drift = curve.maximum_deviation * float(curve.volumes[0]) ** (1 / self.morph.dim) / self.morph.dim
+        off = (curve.volumes[[0, -1]] / self._end_volumes - 1).abs().max()
+        drift = (
+            max(curve.maximum_deviation, float(off)) * float(curve.volumes[0]) ** (1 / self.morph.dim) / self.morph.dim
+        )
         self.log_dict(
             {
                 "val/distance": distance,
                 "val/slope": slope.mean(),
                 "val/volume_std": curve.relative_std,
                 "val/volume_max": curve.maximum_deviation,
+                "val/volume_error": off,
                 "val/drift": drift,
                 "val/error": distance + drift,
             },
             batch_size=len(on),
         )
+
+    @cached_property
+    def _end_volumes(self) -> Tensor:
+        """Volumes (2,) of the end shapes, measured as those of f are."""
+        ends = (self.morph.source, self.morph.target)
+        measured = [volume(shape, self.morph.bounds, self.volume_resolution) for shape in ends]
+        return torch.tensor(measured, dtype=torch.double)
 
     def _measure_volume(self) -> VolumeCurve:
         curve = volume_curve(self.morph, even_times(self.volume_times), self.volume_resolution)
