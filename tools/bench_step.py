@@ -53,7 +53,8 @@ def main() -> None:
     seconds, one = statistics.median(steps["step"]), statistics.median(steps["product"])
     rate = 2 * (SURFACE + AMBIENT + INTERIOR) * WIDTH**2 / one
     count = least_operations()
-    print(f"least operations  {count / 1e9:8.2f} GFLOP  (f {operations_of_f() / 1e9:.2f}, V {operations_of_v() / 1e9:.2f})")
+    parts = f"(f {operations_of_f() / 1e9:.2f}, V {operations_of_v() / 1e9:.2f})"
+    print(f"least operations  {count / 1e9:8.2f} GFLOP  {parts}")
     print(f"step              {seconds:8.3f} s      {count / seconds / 1e9:6.1f} GFLOP/s")
     print(f"matrix product    {one * 1e3:8.3f} ms     {rate / 1e9:6.1f} GFLOP/s")
     print(f"step / product    {count / seconds / rate:8.1%} of the rate, on {arguments.threads} threads")
