@@ -76,7 +76,9 @@ class SdfFit:
     def prepare(self, shape: Shape) -> tuple[SdfTask, FieldData]:
         """The task and the data that fit a shape."""
         box = Box(shape.dim, self.half_width)
-        pools = draw_pools(shape, self.pool, self.seed, self.half_width)
+        # a network is a distance only where it was trained; formulas, meshes and points have one everywhere
+        known = 1.0 if isinstance(shape, SirenShape) else self.half_width
+        pools = draw_pools(shape, self.pool, self.seed, known)
         data = FieldData(
             SdfSampler(pools, box, self.size, self.fractions),
             SdfSampler(pools, box, _VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
