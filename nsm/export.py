@@ -14,12 +14,13 @@ from rich.progress import Progress
 
 from nsm import entry
 from nsm.errors import InputError
+from nsm.frames import extract_frame
 from nsm.metrics import even_times
 from nsm.morph import NeuralMorph
 from nsm.shapes import Similarity
 from nsm.subjects import Subject, load_subjects, whole_number
 from nsm.types import SimplexMesh
-from nsm.writers import extract_frame, write_mesh
+from nsm.writers import write_mesh
 
 log = logging.getLogger(__name__)
 
@@ -96,7 +97,7 @@ def export_frames(
             "remove them, or give another output"
         )
     for time, file in zip(times, files, strict=True):
-        mesh, normals = extract_frame(morph, time, resolution)
+        _, _, mesh, normals = extract_frame(morph, time, resolution)
         if not len(mesh.simplices):
             file.unlink(missing_ok=True)
             log.warning("there is no surface at t = %g: %s is left out", time, file.name)

@@ -16,8 +16,9 @@ import wandb
 from problems import translating_ball
 from runs import DISK, TINY, files, train_here
 
-from nsm.callbacks.mesh_snapshots import save_frame
+from nsm.frames import extract_frame
 from nsm.tasks import MorphTask
+from nsm.writers import write_mesh
 
 #: A ball that stays where it is, in space.
 BALL = (*TINY, "shape@source=ball", "shape@target=ball", "optimizer.lr=1e-5", "steps=2", "validations=1")
@@ -38,7 +39,8 @@ def history(folder: Path) -> list[int]:
 
 def test_a_frame_is_the_surface_with_the_normals_of_f(tmp_path: Path) -> None:
     file = tmp_path / "t.ply"
-    mesh = save_frame(translating_ball(3), 0.5, file, 24)
+    _, _, mesh, normals = extract_frame(translating_ball(3), 0.5, 24)
+    write_mesh(file, mesh, normals)
     read = trimesh.load(file, process=False)
     torch.testing.assert_close(torch.as_tensor(read.vertices), mesh.vertices.double(), atol=1e-6, rtol=0)
     centre = torch.tensor([0.0, 0.0, 0.0]).double()

@@ -24,7 +24,8 @@ CONFIGS = sorted((ROOT / "conf").rglob("*.yaml"))
 
 def requirements() -> list[Requirement]:
     project = PROJECT["project"]
-    return [Requirement(line) for line in project["dependencies"] + project["optional-dependencies"]["dev"]]
+    lines = project["dependencies"] + sum(project["optional-dependencies"].values(), [])
+    return [requirement for line in lines if (requirement := Requirement(line)).name != "nsm"]
 
 
 def pinned() -> dict[str, str]:

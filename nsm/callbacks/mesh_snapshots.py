@@ -9,8 +9,9 @@ import lightning as L
 import numpy as np
 from lightning.pytorch.loggers import WandbLogger
 
+from nsm.frames import extract_frame
 from nsm.types import SimplexMesh
-from nsm.writers import save_frame
+from nsm.writers import write_mesh
 
 #: The format of a surface and of a curve.
 _SUFFIXES = {3: ".ply", 2: ".obj"}
@@ -41,10 +42,11 @@ class MeshSnapshots(L.Callback):
             return
         for time in self.times:
             file = self.folder / f"step_{trainer.global_step:06d}" / f"t_{time:.3f}{_SUFFIXES[morph.dim]}"
-            mesh = save_frame(morph, time, file, self.resolution)
+            frame = extract_frame(morph, time, self.resolution)
+            write_mesh(file, frame.mesh, frame.normals)
             for logger in trainer.loggers:
                 if isinstance(logger, WandbLogger):
-                    _log_mesh(logger, f"mesh/t_{time:.3f}", mesh, trainer.global_step)
+                    _log_mesh(logger, f"mesh/t_{time:.3f}", frame.mesh, trainer.global_step)
 
 
 def _log_mesh(logger: WandbLogger, name: str, mesh: SimplexMesh, step: int) -> None:
