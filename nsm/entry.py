@@ -21,6 +21,8 @@ from nsm.errors import InputError
 
 #: Exit status when what was asked for cannot be done.
 REFUSED = 2
+#: Settings that take one name or several; between several a comma is enough, without the brackets of a list.
+_NAMES = ("checkpoint", "official")
 
 
 def run(main: Callable[[DictConfig], None], config_name: str) -> None:
@@ -44,6 +46,8 @@ def run(main: Callable[[DictConfig], None], config_name: str) -> None:
         except Exception as error:
             refused.append(_tell(error))
 
+    if not {"-m", "--multirun"} & set(sys.argv):
+        sys.argv[1:] = [_as_list(argument) for argument in sys.argv[1:]]
     try:
         hydra.main(config_path=str(CONF), config_name=config_name, version_base="1.3")(tell)()
     except Exception as error:
@@ -52,6 +56,13 @@ def run(main: Callable[[DictConfig], None], config_name: str) -> None:
         sys.exit(128 + signal.SIGINT)
     if refused:
         sys.exit(REFUSED)
+
+
+def _as_list(argument: str) -> str:
+    """``checkpoint=a,b`` as Hydra takes it, ``checkpoint=[a,b]``; any other argument as it is."""
+    name, _, value = argument.partition("=")
+    several = name in _NAMES and "," in value and value[0] not in "[\"'"
+    return f"{name}=[{value}]" if several else argument
 
 
 def _tell(error: Exception) -> str:

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from nsm.fields import ScalarSiren, Velocity
+from nsm.fields import ScalarNetwork, Velocity
 from nsm.shapes import FieldShape
 from nsm.types import Jet
 
@@ -35,7 +35,7 @@ class NeuralMorph(nn.Module):
 
     def __init__(
         self,
-        field: ScalarSiren,
+        field: ScalarNetwork,
         velocity: Velocity | None,
         source: FieldShape,
         target: FieldShape,
@@ -45,6 +45,8 @@ class NeuralMorph(nn.Module):
         self.dim = field.in_features - 1
         self.field, self.velocity_field = field, velocity
         self.source, self.target = source, target
+        if velocity is not None:
+            velocity.attach(field, target)
         corner = torch.full((self.dim,), float(half_width))
         self.register_buffer("bounds", torch.stack([-corner, corner]))
 

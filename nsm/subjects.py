@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from nsm.checkpoint import find_checkpoint, load_morph
+from nsm.checkpoint import find_checkpoint, load_morph, read_checkpoint
 from nsm.errors import InputError
-from nsm.morph import NeuralMorph
+from nsm.growth import Grown, build_growth
 from nsm.official import load_official, official_name
+from nsm.types import Morph
 
 #: What ``checkpoint`` and ``official`` may be: nothing, one, or a list.
 Names = str | Sequence[str] | None
@@ -21,40 +22,59 @@ class Subject(NamedTuple):
     Attributes:
         name: short, and different from the others'.
         origin: the checkpoint's path, or ``official/morphs/…``.
-        morph: ready for inference.
+        morph: ready for inference, with the changing volume that was asked for.
         folder: of the run, None for an official morph.
     """
 
     name: str
     origin: str
-    morph: NeuralMorph
+    morph: Morph
     folder: Path | None
 
 
-def load_subjects(checkpoint: Names, official: Names, command: str) -> list[Subject]:
+def load_subjects(config: Mapping[str, Any], command: str) -> list[Subject]:
     """Load all morphs that are named, each once, checkpoints first.
 
     Args:
-        checkpoint: checkpoints or folders of runs.
-        official: names of published morphs.
+        config: ``checkpoint``, checkpoints or folders of runs; ``official``, names of published morphs; ``growth``,
+            how their volume changes (`nsm.growth.build_growth`), relative to what each has. The volumes that a growth
+            takes by itself are those of the two shapes before they were scaled to one, which a checkpoint tells.
         command: for the sentence when nothing is named.
 
     Raises:
-        InputError: if nothing is named, or something that is not there or cannot be read.
+        InputError: if nothing is named, or something that is not there or cannot be read, or there is no such growth.
     """
-    files = list(dict.fromkeys(find_checkpoint(path) for path in _listed(checkpoint)))
-    pairs = list(dict.fromkeys(official_name(name) for name in _listed(official)))
+    files = list(dict.fromkeys(find_checkpoint(path) for path in _listed(config["checkpoint"])))
+    pairs = list(dict.fromkeys(official_name(name) for name in _listed(config["official"])))
     if not files and not pairs:
         raise InputError(
             f"no morph is named: type python -m {command} checkpoint=PATH (a .ckpt file or the folder of a run), or "
             "official=kitten_fandisk for one of the authors'"
         )
-    names = _short_names(files)
+    growth = config["growth"]
     ours = [
-        Subject(name, str(file), load_morph(file), run_folder(file)) for name, file in zip(names, files, strict=True)
+        Subject(name, str(file), _grown(load_morph(file), growth, _scales(file)), run_folder(file))
+        for name, file in zip(_short_names(files), files, strict=True)
     ]
-    theirs = [Subject(f"{name} (official)", f"official/morphs/{name}", load_official(name), None) for name in pairs]
+    theirs = [  # which were not scaled
+        Subject(f"{name} (official)", f"official/morphs/{name}", _grown(load_official(name), growth, (1.0, 1.0)), None)
+        for name in pairs
+    ]
     return ours + theirs
+
+
+def _grown(morph: Morph, config: Mapping[str, Any] | None, scales: tuple[float, float]) -> Morph:
+    """The morph with the growth of a configuration; itself without one."""
+    source, target = (scale**-morph.dim for scale in scales)
+    growth = build_growth(config, morph.dim, (source, target))
+    return morph if growth is None else Grown(morph, growth)
+
+
+def _scales(file: Path) -> tuple[float, float]:
+    """By how much a run scaled its two shapes to make their volumes equal; 1 where its checkpoint does not say."""
+    provenance = read_checkpoint(file)["nsm"].get("provenance", {})
+    source, target = (float(provenance.get(end, {}).get("scale", 1.0)) for end in ("source", "target"))
+    return source, target
 
 
 def run_folder(file: Path) -> Path:

@@ -49,6 +49,60 @@ def test_curves(field, components):
     mesh = extract_surface(field, SQUARE, 40)
     assert topology.component_count(mesh) == components
     assert topology.euler_number(mesh) == 0
+    assert topology.genus(mesh) == 0
+
+
+@pytest.mark.parametrize("field", [ball, torus, two_balls, shell])
+def test_curvature_sums_to_the_euler_number(field):
+    """Gauss and Bonnet: of the surface in 3D, of the inside in 2D, where the torus is two disks."""
+    solid = extract_surface(field, CUBE, 40)
+    curvature = topology.total_curvatures(solid)
+    assert float(curvature.sum()) / (2 * math.pi) == pytest.approx(topology.euler_number(solid), abs=1e-6)
+    plane = (lambda x: torus(torch.stack([x[:, 0], 0 * x[:, 0], x[:, 1]], 1))) if field is torus else field
+    inside = {ball: 1, torus: 2, two_balls: 2, shell: 0}[field]
+    turned = topology.total_curvatures(extract_surface(plane, SQUARE, 40))
+    assert float(turned.sum()) / (2 * math.pi) == pytest.approx(inside, abs=1e-6)
+
+
+def test_curvature_sits_at_the_corners_of_a_cube():
+    corners = torch.tensor([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)], dtype=torch.double)
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = torch.tensor([t for a, b, c, d in faces for t in ([a, b, c], [a, c, d])])
+    cube = SimplexMesh(corners, triangles)
+    assert topology.euler_number(cube) == 2
+    assert topology.total_curvatures(cube) == pytest.approx(torch.full((8,), math.pi / 2, dtype=torch.double))
+    # without its lid only the four corners of the floor are inside
+    open_cube = SimplexMesh(corners, triangles[2:])
+    assert topology.total_curvatures(open_cube).count_nonzero() == 4
+
+
+def test_triangles_with_two_corners_in_one_place_change_no_curvature():
+    mesh = extract_surface(ball, CUBE, 12)
+    start, end = mesh.simplices[0, :2].tolist()
+    # an edge is cut by a vertex that lies on its first end
+    twice = torch.cat([mesh.vertices, mesh.vertices[start : start + 1]])
+    split = []
+    for triangle in mesh.simplices.tolist():
+        if start in triangle and end in triangle:
+            new = len(mesh.vertices)
+            split += [[new if v == end else v for v in triangle], [new if v == start else v for v in triangle]]
+        else:
+            split.append(triangle)
+    cut = SimplexMesh(twice, torch.tensor(split))
+    assert topology.euler_number(cut) == 2
+    assert float(topology.total_curvatures(cut).sum()) == pytest.approx(4 * math.pi)
+
+
+@pytest.mark.parametrize("bounds", [SQUARE, CUBE])
+def test_finer_pieces_are_the_same_surface(bounds):
+    mesh = extract_surface(two_balls, bounds, 24)
+    fine = topology.subdivided(mesh)
+    assert torch.equal(fine.vertices[: len(mesh.vertices)], mesh.vertices)
+    assert len(fine.simplices) == 2 ** (bounds.shape[1] - 1) * len(mesh.simplices)
+    for figure in (topology.measure, topology.enclosed_volume, topology.euler_number, topology.component_count):
+        assert figure(fine) == pytest.approx(figure(mesh))
+    empty = topology.subdivided(SimplexMesh(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.long)))
+    assert len(empty.vertices) == len(empty.simplices) == 0
 
 
 def test_measures_of_components_come_largest_first():

@@ -1,4 +1,4 @@
-"""Counts and angles of a mesh: components, Euler number, genus, roughness, measure, normals.
+"""Counts and angles of a mesh: components, Euler number, genus, curvature, roughness, measure, normals.
 
 Everything takes a `SimplexMesh`, triangles in 3D or segments in 2D; a mesh of no simplices has no components, Euler
 number 0, measure 0 and roughness 0.
@@ -45,6 +45,28 @@ def enclosed_volume(mesh: SimplexMesh) -> float:
     return float((middle * simplex_normals(mesh)).sum() / mesh.vertices.shape[1])
 
 
+def subdivided(mesh: SimplexMesh) -> SimplexMesh:
+    """The same surface in finer pieces: triangles cut into four, segments into two, at the middles of their edges.
+
+    The vertices of the mesh come first, so that the first v of the new ones are they.
+    """
+    edges = _edges(mesh.simplices)
+    _, number = _edge_keys(mesh.simplices).unique(return_inverse=True)
+    if not len(number):
+        return mesh
+    ends = edges.new_empty(int(number.max()) + 1, 2)
+    ends[number] = edges
+    vertices = torch.cat([mesh.vertices, mesh.vertices[ends].mean(1)])
+    middles = (number + len(mesh.vertices)).view(-1, len(mesh.simplices))
+    if mesh.simplices.shape[1] == 2:
+        (start, end), middle = mesh.simplices.T, middles[0]
+        parts = [[start, middle], [middle, end]]
+    else:
+        (a, b, c), (ab, bc, ca) = mesh.simplices.T, middles
+        parts = [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
+    return SimplexMesh(vertices, torch.cat([torch.stack(part, 1) for part in parts]))
+
+
 def component_labels(mesh: SimplexMesh) -> Int[Tensor, " m"]:
     """Number of the connected component, 0, 1, …, that each simplex belongs to."""
     if not len(mesh.simplices):
@@ -79,8 +101,35 @@ def euler_number(mesh: SimplexMesh) -> int:
 
 
 def genus(mesh: SimplexMesh) -> int:
-    """Number of handles of a closed surface, all components together: components − Euler number / 2."""
+    """Number of handles of a closed surface, all components together: components − Euler number / 2; 0 for a curve."""
+    if mesh.simplices.shape[1] == 2:
+        return 0
     return component_count(mesh) - euler_number(mesh) // 2
+
+
+def total_curvatures(mesh: SimplexMesh) -> Float[Tensor, " v"]:
+    """Curvature in radians that each vertex carries: how far the mesh turns there.
+
+    In 3D the angle that is missing around the vertex, 2π − Σ angles; in 2D the angle between the segments before and
+    after it, positive where the inside is convex. By Gauss and Bonnet the sum over a closed surface is 2π times its
+    Euler number, and over closed curves 2π times the Euler number of their inside. Vertices on the rim of an open mesh
+    carry none.
+    """
+    if mesh.simplices.shape[1] == 2:
+        return _turning_angles(mesh)
+    corners = mesh.vertices[mesh.simplices].double()
+    total = corners.new_zeros(len(mesh.vertices))
+    for corner in range(3):
+        a, b = (corners[:, (corner + k) % 3] - corners[:, corner] for k in (1, 2))
+        angles = torch.atan2(torch.linalg.cross(a, b).norm(dim=1), (a * b).sum(1))
+        # a triangle with an edge of no length still has angles of π in all: a right one at each end of that edge
+        angles[(a == 0).all(1) | (b == 0).all(1)] = torch.pi / 2
+        total.index_add_(0, mesh.simplices[:, corner], angles)
+    missing = torch.where(total > 0, 2 * torch.pi - total, 0.0)
+    edges = _edges(mesh.simplices)
+    _, group, count = _edge_keys(mesh.simplices).unique(return_inverse=True, return_counts=True)
+    missing[edges[(count == 1)[group]].flatten()] = 0.0
+    return missing.to(mesh.vertices)
 
 
 def mean_dihedral_angle(mesh: SimplexMesh) -> float:
@@ -104,6 +153,16 @@ def mean_dihedral_angle(mesh: SimplexMesh) -> float:
     a, b = unit[pairs[:, 0]], unit[pairs[:, 1]]
     # 2 atan2(|a - b|, |a + b|) keeps small angles exact, where acos loses half of the digits
     return float(torch.rad2deg(2 * torch.atan2((a - b).norm(dim=1), (a + b).norm(dim=1))).mean())
+
+
+def _turning_angles(mesh: SimplexMesh) -> Float[Tensor, " v"]:
+    start, end = mesh.simplices.T
+    along = (mesh.vertices[end] - mesh.vertices[start]).double()
+    before, after = (torch.zeros_like(mesh.vertices, dtype=torch.double) for _ in range(2))
+    before[end], after[start] = along, along
+    # both are zero where a curve ends or begins, and so is atan2(0, 0)
+    turned = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    return torch.atan2(turned, (before * after).sum(1)).to(mesh.vertices)
 
 
 def _edges(simplices: Int[Tensor, "m k"]) -> Int[Tensor, "e 2"]:

@@ -6,10 +6,10 @@ from itertools import product
 from math import factorial
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from nsm.geometry.grid import Lattice, sample_band
+from nsm.geometry.grid import BLOCK, Band, Lattice, Window, sample_band
 from nsm.types import SignedDistance
 
 #: Least component of a gradient relative to its largest: keeps the cut formula away from 0/0. A tilt this small
@@ -34,23 +34,65 @@ def volume(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int 
     Returns:
         The volume in the units of ``bounds`` to the power d.
     """
-    lattice = Lattice.centres(bounds, resolution)
-    band = sample_band(field, lattice)
-    values = band.values.double()
-    inner = band.known.clone()
-    mean, gradients = values.clone(), []
-    for axis, n in enumerate(lattice.shape):
+    return volume_in_band(sample_band(field, Lattice.centres(bounds, resolution)))
+
+
+def volume_in_band(band: Band, level: float = 0.0) -> float:
+    """Volume of {f < level}, from samples of f at the middles of cells, in a band that reaches to the level."""
+    outside = (band.slot < 0) & (band.far < level)
+    cells = float((outside * _points_of_blocks(band)).sum())
+    for window, core in band.bricks(before=1, after=1):
+        cells += _cells_inside(window.values.double() - level, window, core)
+    return cells * float(band.lattice.step.double().prod())
+
+
+def _cells_inside(values: Tensor, window: Window, core: tuple[slice, ...]) -> float:
+    """How many of the sampled cells of a brick are inside, in fractions."""
+    inner, mean, gradients = window.known.clone(), values.clone(), []
+    for axis, n in enumerate(values.shape):
         before, after = _neighbours(values, axis)
-        known_before, known_after = _neighbours(band.known, axis)
+        known_before, known_after = _neighbours(window.known, axis)
         inner &= known_before & known_after
         mean += (before - 2 * values + after) / 24
         # neighbours beyond the box repeat the outermost value: there the difference spans one cell, not two
         span = torch.full((n,), 2.0 if n > 1 else torch.inf, dtype=values.dtype, device=values.device)
         span[[0, -1]] -= 1
         gradients.append((after - before) / span.view([-1 if i == axis else 1 for i in range(values.ndim)]))
-    cut = cell_fraction(mean[inner], torch.stack([g[inner] for g in gradients], 1))
-    whole = (values[~inner] < 0).sum()
-    return float((cut.sum() + whole) * lattice.step.double().prod())
+    inner, known = inner[core], window.known[core]
+    cut = cell_fraction(mean[core][inner], torch.stack([g[core][inner] for g in gradients], 1))
+    return float(cut.sum() + (known & ~inner & (values[core] < 0)).sum())
+
+
+def _points_of_blocks(band: Band) -> Int[Tensor, " *blocks"]:
+    """How many points of the lattice each block holds: fewer at the end."""
+    points = torch.ones_like(band.slot)
+    for axis, (n, blocks) in enumerate(zip(band.lattice.shape, band.slot.shape, strict=True)):
+        held = (n - BLOCK * torch.arange(blocks, device=points.device)).clamp(max=BLOCK)
+        points *= held.view([-1 if i == axis else 1 for i in range(points.ndim)])
+    return points
+
+
+def volume_with_error(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int = 96) -> tuple[float, float]:
+    """Volume of {f < 0} within a box, and an estimate of what it is off by, from a second grid of cells twice the size.
+
+    With the volumes V_h and V_2h on cells of size h and 2h (`volume`), Richardson's estimate for second order is
+
+        error = |V_h - V_2h| / 3,
+
+    about right for shapes with edges and five times too large for smooth ones, where the order is 4. V_h itself is what
+    is returned: what is left of either error wanders with the place of the surface in its cells, and an extrapolation
+    would add a part of that of the coarse grid (measured on balls, it doubles the error).
+
+    Args:
+        field: maps points (n, d) to values (n,), negative inside.
+        bounds: corners (2, d) of the box.
+        resolution: cells along the longest edge of the box, of the finer of the two grids; at least 2.
+
+    Returns:
+        The volume and the error, both in the units of ``bounds`` to the power d.
+    """
+    fine, coarse = volume(field, bounds, resolution), volume(field, bounds, resolution // 2)
+    return fine, abs(fine - coarse) / 3
 
 
 def cell_fraction(mean: Float[Tensor, " n"], rise: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:

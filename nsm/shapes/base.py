@@ -14,8 +14,9 @@ from torch import Tensor, nn
 from nsm.errors import InputError
 from nsm.geometry.grid import evaluate
 from nsm.geometry.meshing import extract_surface
+from nsm.geometry.projection import newton_to_level
 from nsm.geometry.volume import volume
-from nsm.shapes.sampling import ambient_points, project_to_zero, sample_mesh_surface
+from nsm.shapes.sampling import ambient_points, sample_mesh_surface
 from nsm.shapes.similarity import Similarity
 from nsm.types import DistanceSamples, Jet, SimplexMesh, SurfaceSamples
 
@@ -154,7 +155,7 @@ class FieldShape(nn.Module, Shape):
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
         """Points drawn by area on the extracted surface, then moved to the zero level; normals ∇g/|∇g|."""
         drawn, _ = sample_mesh_surface(self.surface(), count, generator)
-        points, jet = project_to_zero(self.jet, drawn)
+        points, jet = newton_to_level(self.jet, drawn)
         return SurfaceSamples(points, nn.functional.normalize(jet.gradient, dim=1))
 
     @torch.no_grad()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from nsm.geometry.grid import CHUNK
-from nsm.types import Jet, SimplexMesh
+from nsm.types import SimplexMesh
 
 #: Standard deviations of the offsets from the surface, half of the points each, where a shape spans about [-1, 1]:
 #: variances 0.0025 and 0.00025 as DeepSDF takes them (Park et al., CVPR 2019, section 5.1).
@@ -50,30 +47,6 @@ def simplex_normals(corners: Float[Tensor, "m k d"]) -> Float[Tensor, "m d"]:
     else:
         normals = torch.linalg.cross(edges[:, 0], edges[:, 1])
     return torch.nn.functional.normalize(normals, dim=1)
-
-
-def project_to_zero(
-    jet: Callable[[Tensor], Jet], x: Float[Tensor, "n d"], steps: int = 3, reach: float = 0.05
-) -> tuple[Float[Tensor, "n d"], Jet]:
-    """Move points to the zero level by Newton steps x ← x − g ∇g / |∇g|², none longer than ``reach``.
-
-    Three steps take a point that lies within a cell of a grid to rounding error.
-
-    Returns:
-        the points (n, d), and the jet there.
-    """
-    moved, values, gradients = [], [], []
-    for chunk in x.split(CHUNK):
-        here = jet(chunk)
-        for _ in range(steps):
-            step = here.value[:, None] * here.gradient / here.gradient.square().sum(1, keepdim=True).clamp(min=1e-12)
-            length = step.norm(dim=1, keepdim=True).clamp(min=1e-12)
-            chunk = (chunk - step * (reach / length).clamp(max=1)).detach()
-            here = jet(chunk)
-        moved.append(chunk)
-        values.append(here.value.detach())
-        gradients.append(here.gradient.detach())
-    return torch.cat(moved), Jet(torch.cat(values), torch.cat(gradients))
 
 
 def ambient_points(

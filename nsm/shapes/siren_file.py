@@ -13,10 +13,10 @@ from torch import Tensor, nn
 
 from nsm.errors import InputError
 from nsm.fields.siren import ScalarSiren, Siren
+from nsm.geometry.projection import newton_to_level
 from nsm.shapes.base import FieldShape, working_box
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.primitive import Pose
-from nsm.shapes.sampling import project_to_zero
 from nsm.shapes.similarity import Similarity
 from nsm.types import Jet
 
@@ -228,7 +228,7 @@ def _probe(network: ScalarSiren, name: str, omega: float) -> Float[Tensor, "n d"
             f"(the published ones: omega={OFFICIAL_OMEGA:g})."
         )
     near = near[:: max(1, len(near) // _PROBE_POINTS)]  # at a small omega all of the grid is near
-    points, jet = project_to_zero(network.jet, near, reach=cell)
+    points, jet = newton_to_level(network.jet, near, reach=cell)
     norms = jet.gradient.norm(dim=1)
     deviation = float((norms - 1).abs().mean())
     if not deviation < EIKONAL_TOLERANCE:
