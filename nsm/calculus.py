@@ -122,7 +122,7 @@ class _TangentSweep(torch.autograd.Function):
     @staticmethod
     def forward(ctx, x: Tensor, directions: int, *layers: Tensor) -> tuple[Tensor, Tensor]:
         weights, biases = layers[0::2], layers[1::2]
-        n = len(x)
+        n = x.shape[0]  # not len(), which would fix the number of points in an exported program
         z = torch.addmm(biases[0], x, weights[0].T)
         dz = weights[0].T[:directions, None]  # the same for every point: it broadcasts
         states, cosines, tangents = [], [], []
@@ -181,6 +181,44 @@ def value_jacobian_and_laplacian(layers: Layers, x: Float[Tensor, "n k"], direct
         rows = (rows.flatten(0, 1) @ weight.T).view(directions + 2, n, len(weight))
         z, tangents, laplacian = rows[0] + bias, rows[1:-1], rows[-1]
     return VectorJet(z, tangents.permute(1, 2, 0)), laplacian
+
+
+def value_gradient_and_hessian(layers: Layers, x: Float[Tensor, "n k"], directions: int) -> tuple[Jet, Tensor]:
+    """Value, gradient (n, k) and Hessian (n, directions, k) of a scalar network, by the tangents of the reverse sweep.
+
+    ∂_j p_{l-1} = W_lᵀ (cos z_l ⊙ ∂_j p_l − sin z_l ⊙ ∂_j z_l ⊙ p_l), the derivatives along the first ``directions``
+    coordinates. Written in differentiable operations.
+    """
+    n = len(x)
+    z = torch.addmm(layers[1], x, layers[0].T)
+    tangents = layers[0].T[:directions, None].expand(-1, n, -1)
+    arguments = [(z, tangents)]
+    for weight, bias in zip(layers[2:-2:2], layers[3:-2:2], strict=True):
+        tangents = (z.cos() * tangents) @ weight.T
+        z = torch.addmm(bias, z.sin(), weight.T)
+        arguments.append((z, tangents))
+    value = z.sin() @ layers[-2][0] + layers[-1]
+    p, p_tangents = layers[-2].expand(n, -1), z.new_zeros(directions, n, layers[-2].shape[1])
+    for weight, (z, tangents) in zip(layers[-4::-2], reversed(arguments), strict=True):
+        cosine = z.cos()
+        p_tangents = (cosine * p_tangents - z.sin() * tangents * p) @ weight
+        p = (cosine * p) @ weight
+    return Jet(value, p), p_tangents.transpose(0, 1)
+
+
+def tanh_value_and_gradient(layers: Layers, x: Float[Tensor, "n k"]) -> Jet:
+    """Value (n,) and gradient (n, k) of a scalar network whose activations are tanh, by one reverse sweep.
+
+    Written in differentiable operations.
+    """
+    h, slopes = x, []
+    for weight, bias in zip(layers[:-2:2], layers[1:-2:2], strict=True):
+        h = torch.addmm(bias, h, weight.T).tanh()
+        slopes.append(1 - h.square())
+    p = layers[-2]
+    for weight, slope in zip(layers[-4::-2], reversed(slopes), strict=True):
+        p = (slope * p) @ weight
+    return Jet(h @ layers[-2][0] + layers[-1], p)
 
 
 def divergence(jacobian: Float[Tensor, "n d d"]) -> Float[Tensor, " n"]:

@@ -20,20 +20,18 @@ import os
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import torch
 from torch import nn
 
 import nsm
 from nsm.errors import InputError
-from nsm.morph import NeuralMorph
 from nsm.shapes import Similarity, SirenFile, SirenShape
 from nsm.shapes.primitive import Pose
+from nsm.types import Morph
 
 FORMAT = 1
-
-T = TypeVar("T", bound=nn.Module)
 
 
 def describe(model: Mapping[str, Any], config: Mapping[str, Any], provenance: Mapping[str, Any]) -> dict[str, Any]:
@@ -47,8 +45,8 @@ def describe(model: Mapping[str, Any], config: Mapping[str, Any], provenance: Ma
     }
 
 
-def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu") -> NeuralMorph:
-    """Load a trained morph for inference.
+def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu") -> Morph:
+    """Load a morph for inference, of whatever method.
 
     Args:
         path: a checkpoint, or the folder of a run (its ``checkpoints/best.ckpt`` is taken then).
@@ -61,9 +59,7 @@ def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu")
         InputError: if there is no such file, or it is cut, of another format, or not a checkpoint of a morph.
     """
     file = find_checkpoint(path)
-    morph = _load(
-        file, "morph.", NeuralMorph, "a still shape, not a morph: give the checkpoint of a run with task=morph"
-    )
+    morph = _load(file, "morph.", Morph, "a still shape, not a morph: give the checkpoint of a run with task=morph")
     return morph.to(device).eval().requires_grad_(False)
 
 
@@ -82,12 +78,13 @@ def load_shape(path: str | os.PathLike[str], pose: Pose = None) -> SirenShape:
     return shape.transformed(Similarity.read(pose, shape.dim))
 
 
-def _load(file: Path, prefix: str, kind: type[T], other: str) -> T:
+def _load(file: Path, prefix: str, kind: type, other: str) -> Any:
     """Build the model that a checkpoint describes, and give it the weights stored under ``prefix``."""
     content = read_checkpoint(file)
     try:
         model = build(content["nsm"]["model"])
-        if not isinstance(model, kind):
+        fitting = isinstance(model, kind)
+        if not fitting:
             raise InputError(f"{file} holds {other}")
         weights = content["state_dict"]
         model.load_state_dict({k.removeprefix(prefix): v for k, v in weights.items() if k.startswith(prefix)})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from lightning.pytorch.loggers import Logger, WandbLogger
 from omegaconf import DictConfig, OmegaConf
 
 from nsm import entry
+from nsm.baselines import transport_run
 from nsm.callbacks import ExitOnSignal, Progress, StopOnSignal
 from nsm.checkpoint import build, describe
 from nsm.errors import InputError
@@ -40,18 +42,29 @@ def main(cfg: DictConfig) -> None:
     """Train as configured, and write everything into the run's folder."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     config: Any = OmegaConf.to_container(cfg, resolve=True)
-    prepare = {"morph": _prepare_morph, "sdf": _prepare_sdf}
-    _require_sensible(cfg, tuple(prepare))
-    last = folder / "checkpoints" / "last.ckpt"
+    kinds: dict[str, Callable[..., None]] = {
+        "morph": partial(_train, _prepare_morph),
+        "sdf": partial(_train, _prepare_sdf),
+        "ot": _transport,
+    }
+    _require_sensible(cfg, tuple(kinds))
     if cfg.resume:
-        require_same_run(last, config)
+        require_same_run(_last(folder), config)
     keep_freed_memory()
     if cfg.threads:
         torch.set_num_threads(cfg.threads)
     L.seed_everything(cfg.seed, verbose=False)
+    kinds[cfg.task.kind](cfg, config, folder)
 
+
+def _train(
+    prepare: Callable[[DictConfig, dict[str, Any]], tuple[FieldTask, FieldData, int]],
+    cfg: DictConfig,
+    config: dict[str, Any],
+    folder: Path,
+) -> None:
     begin = time.monotonic()
-    task, data, steps = prepare[cfg.task.kind](cfg, config)
+    task, data, steps = prepare(cfg, config)
     prepared = time.monotonic()
     stop = StopOnSignal()
     loggers: list[Logger] = []
@@ -63,7 +76,7 @@ def main(cfg: DictConfig) -> None:
         return instantiate(cfg.trainer)(max_steps=steps, val_check_interval=every, callbacks=callbacks, logger=loggers)
 
     try:
-        done = fit_with_recovery(trainer, task, data, last, resume=bool(cfg.resume))
+        done = fit_with_recovery(trainer, task, data, _last(folder), resume=bool(cfg.resume))
     finally:
         _finish(loggers)
     if stop.received:
@@ -74,6 +87,10 @@ def main(cfg: DictConfig) -> None:
         log.info("the run in %s has made its %d steps already", folder, steps)
         return
     _summarise(done, folder, prepared - begin, time.monotonic() - prepared)
+
+
+def _last(folder: Path) -> Path:
+    return folder / "checkpoints" / "last.ckpt"
 
 
 def _finish(loggers: list[Logger]) -> None:
@@ -93,6 +110,16 @@ def _require_sensible(cfg: DictConfig, kinds: tuple[str, ...]) -> None:
             raise InputError(f"{name}={count} is no number of things to do: give a whole number of at least 1")
 
 
+def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> None:
+    if cfg.resume and _last(folder).is_file():
+        log.info("the run in %s has made its morph already, without any steps", folder)
+        return
+    method = instantiate(cfg.task.transport)
+    ends = prepare_ends(instantiate(cfg.source), instantiate(cfg.target), _fit(cfg, config), equal=cfg.equal_volume)
+    transport_run(method, ends.source, ends.target, ends.provenance, config, folder)
+    _tell_files(folder)
+
+
 def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
     source, target = instantiate(cfg.source), instantiate(cfg.target)
     fit = _fit(cfg, config)
@@ -100,8 +127,8 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
     dim = ends.source.dim
     model = {
         "_target_": "nsm.morph.NeuralMorph",
-        "field": {**config["network"]["field"], "in_features": dim + 1},
-        "velocity": {**config["velocity"], "dim": dim},
+        "field": {**config["field"], "in_features": dim + 1},
+        "velocity": {**config["velocity"], "dim": dim} if config["velocity"] else None,
         "source": ends.source.config(),
         "target": ends.target.config(),
     }
@@ -132,6 +159,7 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
         instantiate(cfg.scheduler),
         cfg.task.volume_resolution,
         cfg.task.volume_times,
+        instantiate(cfg.landmarks).place(ends.source, ends.target) if cfg.landmarks else None,
     )
     task.description = describe(model, config, ends.provenance)
     return task, data, cfg.steps
@@ -164,6 +192,10 @@ def _summarise(trainer: L.Trainer, folder: Path, preparing: float, training: flo
             100 * off,
         )
     log.info("%d steps in %.0f s, after %.0f s of preparation", trainer.global_step, training, preparing)
+    _tell_files(folder)
+
+
+def _tell_files(folder: Path) -> None:
     for file in sorted(
         p for p in folder.rglob("*") if p.is_file() and not p.relative_to(folder).parts[0].startswith(".")
     ):

@@ -101,7 +101,7 @@ def test_a_number_of_nothing(override: str, capsys: pytest.CaptureFixture[str], 
 
 def test_a_task_that_is_none(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     sentence = refused(capsys, folder, "task.kind=paint")
-    assert sentence == "task.kind=paint is no task: give task=morph or task=sdf"
+    assert sentence == "task.kind=paint is no task: give task=morph or task=sdf or task=ot"
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,11 @@ from nsm.fields import (
     Beta,
     Free,
     Gaussian,
+    LipschitzMlp,
+    Nise,
     NullDiv,
     OfficialInit,
+    OwnInit,
     Quadratic,
     Quartic,
     Rational,
@@ -33,7 +36,9 @@ from nsm.fields import (
 from nsm.types import Jet
 
 BETAS = sorted(p.stem for p in (CONF / "beta").glob("*.yaml"))
-VELOCITIES = sorted(p.stem for p in (CONF / "velocity").glob("*.yaml"))
+VELOCITIES = sorted(p.stem for p in (CONF / "velocity").glob("*.yaml") if p.stem != "none")
+#: Those that have a network of their own.
+LEARNED = [name for name in VELOCITIES if name != "nise"]
 INITS = sorted(p.stem for p in (CONF / "init").glob("*.yaml"))
 #: Each family with the name of its parameter.
 FAMILIES = [(Gaussian, "alpha"), (Rational, "width"), (Quartic, "width"), (Quadratic, "width")]
@@ -50,7 +55,15 @@ def velocity_of(name: str, dim: int) -> Velocity:
         "network.velocity.omega=2",
         "network.velocity.first_omega=2",
     ]
-    return instantiate(composed(f"velocity={name}", *small).velocity, dim=dim, _convert_="all").double()
+    velocity = instantiate(composed(f"velocity={name}", *small).velocity, dim=dim, _convert_="all").double()
+    velocity.attach(field_of(dim), target_of(dim))
+    return velocity
+
+
+def target_of(dim: int) -> Callable[[Tensor], Tensor]:
+    """A smooth function of space."""
+    still = ScalarSiren(dim, 8, 2, omega=2.0).double()
+    return lambda x: still(x)
 
 
 def points(n: int, dim: int) -> Tensor:
@@ -127,7 +140,7 @@ def test_velocities_are_vectors_and_their_divergence_a_scalar(name: str, dim: in
     assert velocity.divergence(p, jet).shape == (5,)
 
 
-@pytest.mark.parametrize("name", VELOCITIES)
+@pytest.mark.parametrize("name", LEARNED)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_gradient_reaches_every_parameter_of_a_velocity(name: str, dim: int) -> None:
     velocity, p = velocity_of(name, dim), points(20, dim)
@@ -142,7 +155,7 @@ def test_a_gradient_reaches_every_parameter_of_a_velocity(name: str, dim: int) -
             assert (rows > 0).all(), key
 
 
-@pytest.mark.parametrize("name", VELOCITIES)
+@pytest.mark.parametrize("name", LEARNED)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_divergence_is_the_trace_of_the_jacobian_where_f_moves_with_the_point(name: str, dim: int) -> None:
     velocity, field, p = velocity_of(name, dim), field_of(dim), points(15, dim)
@@ -187,8 +200,8 @@ def test_on_the_surface_adaptive_divergence_is_none(dim: int) -> None:
     assert (velocity.divergence(p, on) == 0).all()
 
 
-@pytest.mark.parametrize("name", VELOCITIES)
-def test_a_velocity_sends_no_gradient_into_f(name: str) -> None:
+@pytest.mark.parametrize("name", LEARNED)
+def test_a_learned_velocity_sends_no_gradient_into_f(name: str) -> None:
     velocity, field, p = velocity_of(name, 3), field_of(3), points(5, 3)
     jet = field.jet(p)
     (velocity(p, jet).sum() + velocity.divergence(p, jet).sum() + 0 * jet.value.sum()).backward()
@@ -245,6 +258,81 @@ def test_a_flow_without_divergence_keeps_the_area_of_a_polygon() -> None:
         corners = corners + h / 6 * (a + 2 * b + 2 * c + v(corners + h * c, t + h))
     assert (corners - start).norm(dim=1).max() > 0.05
     assert area(corners) == pytest.approx(area(start), rel=1e-4)
+
+
+@pytest.mark.parametrize(("scale", "decay"), [(1.0, 0.0), (0.5, 1.0)])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_velocity_of_nise_is_its_formula_and_its_divergence_the_trace(dim: int, scale: float, decay: float) -> None:
+    velocity, field, p = Nise(dim, scale, decay), field_of(dim), points(15, dim)
+    goal = ScalarSiren(dim, 8, 2, omega=2.0).double()
+    velocity.attach(field, goal)
+
+    def value(q: Tensor) -> Tensor:
+        gradient = vmap(jacrev(lambda r: field(r[None])[0]))(q)[:, :dim]
+        remaining = goal(q[:, :dim]) - field(q)
+        speed = scale * torch.exp(-decay * field(q) ** 2) * remaining
+        return -speed[:, None] * gradient / gradient.norm(dim=1, keepdim=True)
+
+    jet = field.jet(p)
+    torch.testing.assert_close(velocity(p, jet), value(p))
+    expected = vmap(jacrev(lambda q: value(q[None])[0]))(p)[:, :, :dim].diagonal(dim1=1, dim2=2).sum(1)
+    assert expected.abs().max() > 1e-3
+    torch.testing.assert_close(velocity.divergence(p, jet), expected, atol=1e-9, rtol=1e-8)
+
+
+def test_nise_stops_where_f_is_the_target_and_moves_outwards_where_the_target_is_larger() -> None:
+    x = torch.randn(20, 3, dtype=torch.float64)
+    length = x.norm(dim=1)
+    p, ball = torch.cat([x, x[:, :1]], 1), Jet(length - 0.5, torch.cat([x / length[:, None], x[:, :1] * 0], 1))
+    velocity = Nise(3)
+    velocity.attach(field_of(3), lambda y: y.norm(dim=1) - 0.5)
+    assert velocity(p, ball).abs().max() < 1e-12
+    velocity.attach(field_of(3), lambda y: y.norm(dim=1) - 0.7)
+    torch.testing.assert_close(velocity(p, ball), 0.2 * x / length[:, None])
+
+
+def test_a_velocity_made_of_others_says_when_it_knows_none() -> None:
+    p = points(3, 2)
+    with pytest.raises(ValueError, match="attach them first"):
+        Nise(2)(p, field_of(2).jet(p))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_lipschitz_network_never_rises_faster_than_its_bound(dim: int) -> None:
+    network = LipschitzMlp(dim + 1, 16, 3).double()
+    with torch.no_grad():
+        network.raw_bounds.sub_(0.7)  # so that rows are scaled down
+    p, q = points(4000, dim), points(4000, dim)
+    rise = (network(p) - network(q)).abs() / (p - q).abs().amax(1)
+    slope = network.jet(p).gradient.abs().sum(1)  # the dual norm of the gradient is the local Lipschitz constant
+    assert rise.max() <= network.bound
+    assert slope.max() <= network.bound
+    assert slope.max() > 1e-3 * network.bound
+
+
+def test_the_bounds_of_a_lipschitz_network_start_as_the_norms_of_its_weights() -> None:
+    network = LipschitzMlp(4, 16, 3).double()
+    norms = torch.stack([weight.abs().sum(1).max() for weight in network.weights])
+    torch.testing.assert_close(torch.nn.functional.softplus(network.raw_bounds), norms)
+    torch.testing.assert_close(list(network.layers[::2]), list(network.weights))
+
+
+def test_a_lipschitz_network_has_the_gradient_of_its_value_and_trains_every_weight() -> None:
+    network, p = LipschitzMlp(4, 16, 3).double(), points(9, 3).requires_grad_()
+    gradient = network.jet(p).gradient
+    torch.testing.assert_close(gradient, torch.autograd.grad(network(p).sum(), p)[0])
+    with torch.no_grad():
+        network.raw_bounds.sub_(0.7)
+    jet = network.jet(p)
+    (jet.value.square().sum() + jet.gradient.square().sum() + network.bound).backward()
+    assert all(parameter.grad is not None and parameter.grad.abs().sum() > 0 for parameter in network.parameters())
+
+
+def test_own_init_leaves_the_weights_alone() -> None:
+    network = LipschitzMlp(4, 16, 3)
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    OwnInit()(network, None)
+    torch.testing.assert_close(network.state_dict(), before, rtol=0, atol=0)
 
 
 def test_source_init_is_the_source_at_every_time() -> None:

@@ -10,7 +10,7 @@ from runs import composed
 from torch import Tensor
 
 from nsm.configuration import CONF
-from nsm.fields import AdaDiv, Free, Gaussian, NullDiv, ScalarSiren, VectorSiren, Velocity
+from nsm.fields import AdaDiv, Free, Gaussian, LipschitzMlp, Nise, NullDiv, ScalarSiren, VectorSiren, Velocity
 from nsm.losses import (
     AmbientDirichlet,
     DecoupledEikonal,
@@ -28,6 +28,7 @@ from nsm.losses import (
     WeightedSum,
 )
 from nsm.sampling import Batch
+from nsm.shapes import LandmarkPairs
 from nsm.types import Jet
 
 LOSSES = sorted(p.stem for p in (CONF / "loss").glob("*.yaml"))
@@ -172,14 +173,30 @@ def test_the_papers_preset_takes_absolute_values() -> None:
     torch.testing.assert_close(terms["level_set"](evaluation), expected)
 
 
+def suited_to(name: str) -> Evaluation:
+    """Networks that a preset can be used with."""
+    if name == "lipschitz":
+        return Evaluation(networks().batch, LipschitzMlp(4, 8, 2).double())
+    if name.startswith("nise"):
+        evaluation, velocity = networks(), Nise(3)
+        velocity.attach(evaluation.field, lambda x: x.norm(dim=1) - 0.5)
+        return Evaluation(evaluation.batch, evaluation.field, velocity)
+    if name.endswith("insd"):
+        evaluation = networks(Free)
+        pairs = LandmarkPairs(*(torch.rand(5, 3, dtype=torch.float64) for _ in range(2)))
+        return Evaluation(evaluation.batch, evaluation.field, evaluation._moving(), pairs)
+    return networks(AdaDiv)
+
+
 @pytest.mark.parametrize("name", LOSSES)
 def test_every_preset_lets_a_gradient_reach_every_weight_of_both_networks(name: str) -> None:
-    evaluation = networks(AdaDiv)
+    evaluation = suited_to(name)
     total, terms = instantiate(composed(f"loss={name}").loss)(evaluation)
     torch.testing.assert_close(total, sum(terms.values()))
     assert not any(value.requires_grad for value in terms.values())
     total.backward()
-    for key, parameter in [*evaluation.field.named_parameters(), *evaluation._moving().named_parameters()]:
+    moving = evaluation._velocity.named_parameters() if evaluation._velocity else ()
+    for key, parameter in [*evaluation.field.named_parameters(), *moving]:
         assert parameter.grad is not None, key
         # the last bias of a potential is a constant, which differentiation takes away
         assert parameter.grad.abs().sum() > 0 or key == "network.linears.2.bias", key

@@ -49,6 +49,15 @@ def test_the_laplacian_can_be_trained_on() -> None:
     assert all(g.abs().sum() > 0 for g in ours[:-1])  # the last bias alone is lost by differentiation
 
 
+@pytest.mark.parametrize(("inputs", "directions"), [(2, 2), (3, 2), (4, 3)])
+def test_the_hessian_of_a_scalar_network_is_that_of_nested_differentiation(inputs: int, directions: int) -> None:
+    net, x = network(inputs, 1), points(6, inputs)
+    jet, second = calculus.value_gradient_and_hessian(net.layers, x, directions)
+    torch.testing.assert_close(jet.value, net(x)[:, 0])
+    torch.testing.assert_close(jet.gradient, vmap(jacrev(lambda p: net(p[None])[0, 0]))(x))
+    torch.testing.assert_close(second, vmap(hessian(lambda p: net(p[None])[0, 0]))(x)[:, :directions])
+
+
 def test_divergence_is_the_trace_of_the_jacobian() -> None:
     jacobian = torch.randn(5, 3, 3, dtype=torch.float64)
     torch.testing.assert_close(calculus.divergence(jacobian), vmap(torch.trace)(jacobian))

@@ -1,13 +1,14 @@
-"""Time of one training step beside the rate of plain matrix products, both measured in this run.
+"""Time of one training step beside the rate of plain matrix products, and of each method's step beside AdaDiv's.
 
-    python tools/bench_step.py [--threads 2] [--rounds 8]
+    python tools/bench_step.py [--threads 2] [--rounds 8] [--methods adadiv lf_insd …]
 
-The step is that of AdaDiv with the default losses and networks of 6 layers of 128, on 20 000 points: 5 000 on the
-surfaces, 5 000 around them, 10 000 inside space-time; forward, backward and the update by SOAP. The least number of
-floating-point operations that it needs is counted from the matrix products of the chain rule: f with its gradient takes
-two products a layer forward (values, reverse sweep) and two for each of these backward; V with its tangents takes
-(1 + d) forward and twice that backward; both with a first layer of d + 1 inputs, whose sweeps are counted the same way.
-The rate it is held against is that of torch.mm of (20 000 × 128) by (128 × 128), the product that the step is made of.
+All are measured in this run, in turn. A step is that of the method's own configuration (loss, velocity, optimiser),
+with networks of 6 layers of 128, on 20 000 points in three dimensions: by default 5 000 on the surfaces, 5 000 around
+them, 10 000 inside space-time; forward, backward and the update. For AdaDiv the least number of floating-point
+operations that it needs is counted from the matrix products of the chain rule: f with its gradient takes two products a
+layer forward (values, reverse sweep) and two for each of these backward; V with its tangents takes (1 + d) forward and
+twice that backward; both with a first layer of d + 1 inputs, whose sweeps are counted the same way. The rate it is held
+against is that of torch.mm of (20 000 × 128) by (128 × 128), the product that the step is made of.
 """
 
 from __future__ import annotations
@@ -16,18 +17,24 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
-from functools import partial
+from typing import Any
 
 import torch
-from pytorch_optimizer import SOAP
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
 
-from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
-from nsm.losses import AmbientDirichlet, Eikonal, Evaluation, LevelSet, NormalAlignment, SurfaceDirichlet, WeightedSum
+from nsm.configuration import CONF
+from nsm.fields import ScalarSiren
+from nsm.losses import Evaluation
 from nsm.runtime import keep_freed_memory
 from nsm.sampling import Batch
+from nsm.shapes import LandmarkPairs
 
 SURFACE, AMBIENT, INTERIOR = 5_000, 5_000, 10_000
 DIM, WIDTH, DEPTH = 3, 128, 6
+LANDMARKS = 500
+#: Methods that are trained in steps.
+METHODS = ("adadiv", "nulldiv", "free", "penalty", "nise", "lf_insd", "insd", "lipmlp")
 
 
 def main() -> None:
@@ -36,28 +43,42 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--block", type=int, default=5_000, help="points whose gradients are accumulated at once")
+    parser.add_argument("--methods", nargs="*", default=METHODS, choices=METHODS)
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     torch.manual_seed(0)
     keep_freed_memory()
 
-    steps, step = {}, make_step(arguments.block)
+    methods = dict.fromkeys(("adadiv", *arguments.methods))
+    calls = {name: make_step(name, arguments.block) for name in methods}
     product = make_product()
-    for name, call in (("step", step), ("product", product)):
-        call()
-        call()
-        steps[name] = []
-    for _ in range(arguments.rounds):  # in turn, so that both see the machine in the same state
-        steps["step"].append(timed(step))
-        steps["product"].append(timed(lambda: [product() for _ in range(20)]) / 20)
-    seconds, one = statistics.median(steps["step"]), statistics.median(steps["product"])
-    rate = 2 * (SURFACE + AMBIENT + INTERIOR) * WIDTH**2 / one
+    calls["product"] = lambda: [product() for _ in range(20)]
+    seconds = measured(calls, arguments.rounds)
+
+    step = seconds["adadiv"]
+    rate = 2 * (SURFACE + AMBIENT + INTERIOR) * WIDTH**2 / (seconds["product"] / 20)
     count = least_operations()
     parts = f"(f {operations_of_f() / 1e9:.2f}, V {operations_of_v() / 1e9:.2f})"
     print(f"least operations  {count / 1e9:8.2f} GFLOP  {parts}")
-    print(f"step              {seconds:8.3f} s      {count / seconds / 1e9:6.1f} GFLOP/s")
-    print(f"matrix product    {one * 1e3:8.3f} ms     {rate / 1e9:6.1f} GFLOP/s")
-    print(f"step / product    {count / seconds / rate:8.1%} of the rate, on {arguments.threads} threads")
+    print(f"step of adadiv    {step:8.3f} s      {count / step / 1e9:6.1f} GFLOP/s")
+    print(f"matrix product    {seconds['product'] / 20 * 1e3:8.3f} ms     {rate / 1e9:6.1f} GFLOP/s")
+    print(f"step / product    {count / step / rate:8.1%} of the rate, on {arguments.threads} threads")
+    for name in methods:
+        print(f"step of {name:<9} {seconds[name]:8.3f} s      {seconds[name] / step:6.2f} × adadiv")
+
+
+def measured(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Median seconds of each call, after two that do not count; in turn, so that all see the machine in one state."""
+    for call in calls.values():
+        call()
+        call()
+    seconds: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            begin = time.perf_counter()
+            call()
+            seconds[name].append(time.perf_counter() - begin)
+    return {name: statistics.median(times) for name, times in seconds.items()}
 
 
 def least_operations() -> int:
@@ -81,37 +102,36 @@ def weights(outputs: int) -> int:
     return (DEPTH - 1) * WIDTH**2 + WIDTH * outputs
 
 
-def make_step(block: int) -> Callable[[], None]:
-    """One optimiser step on random points, in blocks whose intermediate results stay in cache."""
-    field = ScalarSiren(DIM + 1, WIDTH, DEPTH, 30.0)
-    velocity = AdaDiv(DIM, partial(VectorSiren, hidden_features=WIDTH, hidden_layers=DEPTH, omega=10.0), Gaussian(0.1))
-    loss = WeightedSum(
-        {
-            "level_set": LevelSet(5e4),
-            "dirichlet": AmbientDirichlet(2.5e3),
-            "surface": SurfaceDirichlet(2.5e3),
-            "neumann": NormalAlignment(25, 1),
-            "eikonal": Eikonal(100),
-        }
-    )
-    optimizer = SOAP([*field.parameters(), *velocity.parameters()], lr=1e-3, weight_decay=0.0)
-    blocks = [random_batch(block) for _ in range((SURFACE + AMBIENT + INTERIOR) // block)]
+def make_step(method: str, block: int) -> Callable[[], None]:
+    """One optimiser step of a method on random points, in blocks whose intermediate results stay in cache."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("train", [f"method={method}"])
+    made: Any = {part: instantiate(cfg[part], _convert_="all") for part in ("loss", "optimizer", "sampler")}
+    field, velocity = instantiate(cfg.field, in_features=DIM + 1), None
+    if cfg.velocity:
+        velocity = instantiate(cfg.velocity, dim=DIM)
+        velocity.attach(field, ScalarSiren(DIM, WIDTH, DEPTH).requires_grad_(False))
+    parameters = [*field.parameters(), *(velocity.parameters() if velocity else ())]
+    optimizer = made["optimizer"](parameters)
+    points = SURFACE + AMBIENT + INTERIOR
+    blocks = [random_batch(*made["sampler"]["fractions"].counts(block)) for _ in range(points // block)]
+    landmarks = LandmarkPairs(torch.rand(LANDMARKS, DIM), torch.rand(LANDMARKS, DIM))
 
     def step() -> None:
         optimizer.zero_grad()
         for batch in blocks:
-            total, _ = loss(Evaluation(batch, field, velocity))
+            total, _ = made["loss"](Evaluation(batch, field, velocity, landmarks))
             (total / len(blocks)).backward()
         optimizer.step()
 
     return step
 
 
-def random_batch(size: int) -> Batch:
-    """Points of a batch in the proportions of the whole step."""
-    surface, ambient = size // 4, size // 4
+def random_batch(surface: int, ambient: int, interior: int) -> Batch:
+    """Points of a batch."""
     normals = torch.nn.functional.normalize(torch.randn(surface, DIM), dim=1)
-    return Batch(torch.rand(size, DIM + 1) * 2 - 1, torch.rand(surface + ambient), normals)
+    points = torch.rand(surface + ambient + interior, DIM + 1) * 2 - 1
+    return Batch(points, torch.rand(surface + ambient), normals)
 
 
 def make_product() -> Callable[[], None]:
@@ -119,13 +139,6 @@ def make_product() -> Callable[[], None]:
     n = SURFACE + AMBIENT + INTERIOR
     a, b, c = torch.randn(n, WIDTH), torch.randn(WIDTH, WIDTH), torch.empty(n, WIDTH)
     return lambda: torch.mm(a, b, out=c)
-
-
-def timed(call: Callable[[], object]) -> float:
-    """Seconds of one call."""
-    begin = time.perf_counter()
-    call()
-    return time.perf_counter() - begin
 
 
 if __name__ == "__main__":

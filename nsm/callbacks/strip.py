@@ -8,11 +8,11 @@ from pathlib import Path
 import lightning as L
 
 from nsm.callbacks.volume_curve import log_picture
-from nsm.writers import render_strip
+from nsm.writers import try_strip
 
 
 class Strip(L.Callback):
-    """Writes ``strip.png``, the morph at some times, at the end of training.
+    """Writes ``strip.png``, the morph at some times, at the end of training; warns where it cannot be drawn.
 
     Args:
         folder: where it goes.
@@ -29,5 +29,5 @@ class Strip(L.Callback):
         morph = getattr(pl_module, "morph", None)
         if morph is None or not trainer.is_global_zero or trainer.global_step < trainer.max_steps:
             return
-        render_strip(self.file, morph, self.times, size=self.size)
-        log_picture(trainer, "strip", self.file)
+        if try_strip(self.file, morph, self.times, size=self.size):
+            log_picture(trainer, "strip", self.file)

@@ -1,20 +1,27 @@
 """Networks, and the fields made of them."""
 
 from nsm.fields.beta import Beta, Gaussian, Quadratic, Quartic, Rational
-from nsm.fields.init import OfficialInit, SirenInit, SourceInit
+from nsm.fields.init import OfficialInit, OwnInit, SirenInit, SourceInit
+from nsm.fields.lipschitz import LipschitzMlp
+from nsm.fields.scalar import ScalarNetwork
 from nsm.fields.siren import ScalarSiren, Siren, VectorSiren
-from nsm.fields.velocity import AdaDiv, Free, NullDiv, Velocity
+from nsm.fields.velocity import AdaDiv, Free, LearnedVelocity, Nise, NullDiv, Velocity
 
 __all__ = [
     "AdaDiv",
     "Beta",
     "Free",
     "Gaussian",
+    "LearnedVelocity",
+    "LipschitzMlp",
+    "Nise",
     "NullDiv",
     "OfficialInit",
+    "OwnInit",
     "Quadratic",
     "Quartic",
     "Rational",
+    "ScalarNetwork",
     "ScalarSiren",
     "Siren",
     "SirenInit",

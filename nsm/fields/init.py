@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import torch
 
 if TYPE_CHECKING:
+    from nsm.fields.scalar import ScalarNetwork
     from nsm.fields.siren import ScalarSiren, Siren
 
 
@@ -68,6 +69,15 @@ class OfficialInit(FieldInit):
 
     def __call__(self, field: ScalarSiren, source: ScalarSiren | None) -> None:
         _start_from(field, source, self.factor)
+
+
+class OwnInit(FieldInit):
+    """The weights that the network drew when it was made, in the way of its kind."""
+
+    needs_source = False
+
+    def __call__(self, field: ScalarNetwork, source: ScalarSiren | None) -> None:
+        pass
 
 
 def _start_from(field: ScalarSiren, source: ScalarSiren | None, factor: float) -> None:

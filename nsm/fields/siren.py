@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from nsm import calculus
 from nsm.errors import InputError
 from nsm.fields.init import siren_init_
+from nsm.fields.scalar import ScalarNetwork
 from nsm.types import Jet, VectorJet
 
 
@@ -77,7 +78,7 @@ class Siren(nn.Module):
             linear.bias.copy_(layers[2 * i + 1] / omega)
 
 
-class ScalarSiren(Siren):
+class ScalarSiren(Siren, ScalarNetwork):
     """A `Siren` with one output, a scalar field."""
 
     def __init__(
@@ -98,6 +99,10 @@ class ScalarSiren(Siren):
         """Value (n,) and gradient (n, k) at x (n, k)."""
         return calculus.value_and_gradient(self.layers, x)
 
+    def hessian(self, x: Float[Tensor, "n k"], directions: int) -> Float[Tensor, "n directions k"]:
+        """Second derivatives (n, directions, k), one of the two along the first inputs, at x (n, k)."""
+        return calculus.value_gradient_and_hessian(self.layers, x, directions)[1]
+
 
 class VectorSiren(Siren):
     """A `Siren` with several outputs, a vector field."""
@@ -109,3 +114,7 @@ class VectorSiren(Siren):
     def jet(self, x: Float[Tensor, "n k"], directions: int) -> VectorJet:
         """Value (n, m) and Jacobian (n, m, directions) with respect to the first inputs, at x (n, k)."""
         return calculus.value_and_jacobian(self.layers, x, directions)
+
+    def jet_and_laplacian(self, x: Float[Tensor, "n k"], directions: int) -> tuple[VectorJet, Tensor]:
+        """The jet, and the Laplacian (n, m) over the first inputs, at x (n, k)."""
+        return calculus.value_jacobian_and_laplacian(self.layers, x, directions)

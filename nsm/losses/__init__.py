@@ -1,25 +1,34 @@
 """Loss terms, and their weighted sum."""
 
-from nsm.losses.base import Evaluation, OverBatch, Term, WeightedSum
+from nsm.losses.base import Evaluation, OverBatch, Ramp, Term, WeightedSum
 from nsm.losses.boundary import AmbientDirichlet, EndVolume, Neumann, NormalAlignment, NormalMatch, SurfaceDirichlet
 from nsm.losses.divergence import Divergence
-from nsm.losses.eikonal import Eikonal
+from nsm.losses.eikonal import Eikonal, EndEikonal
+from nsm.losses.insd import Compression, LandmarkMatch, ModifiedLevelSet, Smoothness
 from nsm.losses.level_set import LevelSet
+from nsm.losses.lipschitz import LipschitzBound
 from nsm.losses.official import DecoupledEikonal, OfficialDirichlet
 
 __all__ = [
     "AmbientDirichlet",
+    "Compression",
     "DecoupledEikonal",
     "Divergence",
     "Eikonal",
+    "EndEikonal",
     "EndVolume",
     "Evaluation",
+    "LandmarkMatch",
     "LevelSet",
+    "LipschitzBound",
+    "ModifiedLevelSet",
     "Neumann",
     "NormalAlignment",
     "NormalMatch",
     "OfficialDirichlet",
     "OverBatch",
+    "Ramp",
+    "Smoothness",
     "SurfaceDirichlet",
     "Term",
     "WeightedSum",

@@ -8,10 +8,12 @@ from functools import cached_property
 
 from torch import Tensor
 
-from nsm.fields.siren import ScalarSiren
-from nsm.fields.velocity import Velocity
+from nsm.errors import InputError
+from nsm.fields.scalar import ScalarNetwork
+from nsm.fields.velocity import Free, Velocity
 from nsm.sampling.batch import Batch
-from nsm.types import Jet
+from nsm.shapes.landmarks import LandmarkPairs
+from nsm.types import Jet, VectorJet
 
 
 class Evaluation:
@@ -21,10 +23,20 @@ class Evaluation:
         batch: the points, with their targets.
         field: f, of (x, t), or of x alone where a still shape is fitted.
         velocity: V, or None where nothing moves.
+        landmarks: points of the source and of the target that belong together, or None where none are known.
+        progress: how much of the training is over, from 0 to 1.
     """
 
-    def __init__(self, batch: Batch, field: ScalarSiren, velocity: Velocity | None = None) -> None:
+    def __init__(
+        self,
+        batch: Batch,
+        field: ScalarNetwork,
+        velocity: Velocity | None = None,
+        landmarks: LandmarkPairs | None = None,
+        progress: float = 1.0,
+    ) -> None:
         self.batch, self.field, self._velocity = batch, field, velocity
+        self.landmarks, self.progress = landmarks, progress
         self.dim = batch.normals.shape[1]
 
     @cached_property
@@ -51,6 +63,21 @@ class Evaluation:
     def divergence(self) -> Tensor:
         """div V (m,) at the interior points."""
         return self._moving().divergence(self.batch.points[self.batch.interior], self.interior)
+
+    @cached_property
+    def motion(self) -> tuple[VectorJet, Tensor]:
+        """V, its Jacobian and its vector Laplacian (m, d) at the interior points, for a V that is a network itself."""
+        velocity = self._moving()
+        if not isinstance(velocity, Free):
+            raise InputError(
+                f"this loss takes second derivatives of the velocity, which {type(velocity).__name__} does not give: "
+                "choose velocity=free"
+            )
+        return velocity.jet_and_laplacian(self.batch.points[self.batch.interior])
+
+    def moved(self, p: Tensor) -> Tensor:
+        """V (n, d) at any points p (n, d + 1) of space-time."""
+        return self._moving()(p, self.field.jet(p))
 
     def _moving(self) -> Velocity:
         if self._velocity is None:
@@ -91,6 +118,28 @@ class OverBatch:
         return self.term(evaluation) * (defined / len(evaluation.batch.points))
 
 
+class Ramp:
+    """A term that comes in during the training: not there at first, then growing evenly to its full weight.
+
+    Args:
+        term: the term.
+        start, stop: the parts of the training, from 0 to 1, after which it begins to grow, and is in full.
+
+    Raises:
+        InputError: if they are not in this order.
+    """
+
+    def __init__(self, term: Term | OverBatch, start: float, stop: float) -> None:
+        if not 0 <= start < stop <= 1:
+            raise InputError(f"a term grows from start={start} to stop={stop}: give two parts of 1, as 0.1 and 0.5")
+        self.term, self.start, self.stop = term, float(start), float(stop)
+
+    def __call__(self, evaluation: Evaluation) -> Tensor:
+        """The term, times what it has grown to."""
+        grown = min(max((evaluation.progress - self.start) / (self.stop - self.start), 0.0), 1.0)
+        return grown * self.term(evaluation)
+
+
 class WeightedSum:
     """The sum of named terms.
 
@@ -98,7 +147,7 @@ class WeightedSum:
         terms: name → term; a term is any callable from an `Evaluation` to a scalar.
     """
 
-    def __init__(self, terms: Mapping[str, Term | OverBatch]) -> None:
+    def __init__(self, terms: Mapping[str, Term | OverBatch | Ramp]) -> None:
         self.terms = dict(terms)
 
     def __call__(self, evaluation: Evaluation) -> tuple[Tensor, dict[str, Tensor]]:

@@ -12,3 +12,10 @@ class Eikonal(Term):
 
     def residual(self, evaluation: Evaluation) -> Tensor:
         return evaluation.slope - 1
+
+
+class EndEikonal(Term):
+    """‖∇f‖ = 1 on and around the end shapes alone, at t = 0 and 1: on the way f is free."""
+
+    def residual(self, evaluation: Evaluation) -> Tensor:
+        return evaluation.slope[: evaluation.batch.ambient.stop] - 1

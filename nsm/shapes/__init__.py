@@ -2,6 +2,7 @@
 
 from nsm.shapes.base import FieldShape, Shape, working_box
 from nsm.shapes.download import fetch, resolve
+from nsm.shapes.landmarks import LandmarkPairs, Landmarks, LandmarkTable, LandmarkVertices
 from nsm.shapes.mesh import MeshFile
 from nsm.shapes.normalize import EqualVolume, equal_volume
 from nsm.shapes.points import PointCloud
@@ -16,6 +17,10 @@ __all__ = [
     "Cylinder",
     "EqualVolume",
     "FieldShape",
+    "LandmarkPairs",
+    "LandmarkTable",
+    "LandmarkVertices",
+    "Landmarks",
     "MeshFile",
     "PointCloud",
     "Polygon",

@@ -15,9 +15,10 @@ from nsm.losses import Evaluation, WeightedSum
 from nsm.metrics import VolumeCurve, even_times, volume_curve
 from nsm.morph import NeuralMorph
 from nsm.sampling import Batch, Box, MovingSurface
+from nsm.shapes import LandmarkPairs
 from nsm.tasks.base import Collapse, FieldTask
 
-#: A morph whose volume falls below this part of its first one has lost its surface.
+#: A morph whose volume at an end is below this part of its largest has lost its surface.
 _VANISHED = 0.02
 #: A mean ‖∇f‖ on the end shapes above which f is noise: by distance and volume alone, noise may pass for a good morph.
 _STEEP = 100.0
@@ -40,6 +41,7 @@ class MorphTask(FieldTask):
         optimizer, scheduler: see `FieldTask`.
         volume_resolution: cells along the box at which validation measures volume.
         volume_times: at how many times.
+        landmarks: points of the end shapes that belong together, for losses that ask for them.
     """
 
     def __init__(
@@ -52,10 +54,14 @@ class MorphTask(FieldTask):
         scheduler: Callable[..., LRScheduler],
         volume_resolution: int = 64,
         volume_times: int = 11,
+        landmarks: LandmarkPairs | None = None,
     ) -> None:
         super().__init__(loss, optimizer, scheduler)
         self.morph, self.near, self.box = morph, near, box
         self.volume_resolution, self.volume_times = volume_resolution, volume_times
+        self.landmarks = landmarks
+        #: Whether there has been a surface at both ends, which must then stay: f of random weights has none at first.
+        self._whole = False
         #: The curve of the last validation.
         self.volume_curve: VolumeCurve | None = None
         morph.source.requires_grad_(False)
@@ -64,11 +70,18 @@ class MorphTask(FieldTask):
     def evaluation(self, batch: Batch) -> Evaluation:
         """f and V at the points of a batch."""
         placed = self.near.place(batch, self.box.half_width)
-        return Evaluation(placed, self.morph.field, self.morph.velocity_field)
+        known = self.landmarks and LandmarkPairs(*(points.to(placed.points) for points in self.landmarks))
+        progress = self.global_step / self.trainer.max_steps
+        return Evaluation(placed, self.morph.field, self.morph.velocity_field, known, progress)
 
     def learn_from(self, evaluation: Evaluation) -> None:
         """Follow the surface."""
         self.near.follow(evaluation.batch.points[evaluation.batch.interior], evaluation.interior)
+
+    @torch.no_grad()
+    def on_train_start(self) -> None:
+        super().on_train_start()
+        self._whole = self._whole or not len(_lost(self._curve()))
 
     @torch.no_grad()
     def validation_step(self, batch: Batch, index: int) -> None:
@@ -107,9 +120,18 @@ class MorphTask(FieldTask):
         return torch.tensor(measured, dtype=torch.double)
 
     def _measure_volume(self) -> VolumeCurve:
-        curve = volume_curve(self.morph, even_times(self.volume_times), self.volume_resolution)
-        lost = curve.times[~(curve.volumes > _VANISHED * curve.volumes.max())]
-        if len(lost):
+        curve = self._curve()
+        lost = _lost(curve)
+        if len(lost) and (self._whole or self.global_step >= self.trainer.max_steps):
             raise Collapse(f"the shape has vanished at t = {lost[0]:.2f} by step {self.global_step}")
+        self._whole = self._whole or not len(lost)
         self.volume_curve = curve
         return curve
+
+    def _curve(self) -> VolumeCurve:
+        return volume_curve(self.morph, even_times(self.volume_times), self.volume_resolution)
+
+
+def _lost(curve: VolumeCurve) -> Tensor:
+    """Ends at which there is no shape to speak of; on the way between them, some methods do lose it."""
+    return curve.times[[0, -1]][~(curve.volumes[[0, -1]] > _VANISHED * curve.volumes.max())]
