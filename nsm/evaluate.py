@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import logging
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -14,37 +13,78 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-import nsm
 from nsm import entry
-from nsm.files import whole_file
-from nsm.metrics import Evaluation, evaluate_morph, table
+from nsm.errors import InputError
+from nsm.metrics import STAGES, Evaluation, Protocol, evaluate_morph, table
 from nsm.subjects import Subject, load_subjects, whole_number
-from nsm.writers import plot_volume_curves, render_strip
+from nsm.writers import Plane, plot_residual_slices, require_slices, try_strip, write_evaluations
 
 log = logging.getLogger(__name__)
 
-#: The least that each setting of the protocol may be.
-_LEAST = {"volume_resolution": 8, "surface_resolution": 8, "times": 2}
 #: Characters that the names of the figures and the numbers of one morph take.
 _NAMES_WIDTH, _COLUMN_WIDTH = 32, 14
+#: Pictures that are drawn of all morphs of one dimension.
+_PICTURES = 2
 
 
 def main(cfg: DictConfig) -> None:
     """Load, measure, show and write."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
-    protocol = {name: whole_number(name, config[name], least) for name, least in _LEAST.items()}
-    whole_number("picture_size", config["picture_size"], 16)
+    protocol = _protocol(config)
+    picture_size = whole_number("picture_size", config["picture_size"], 16)
+    times = [_number("slices.times", time) for time in _listed(config["slices"]["times"])]
+    plane = Plane(str(config["slices"]["axis"]), _number("slices.offset", config["slices"]["offset"]))
     if config["threads"] is not None:
         torch.set_num_threads(whole_number("threads", config["threads"], 1))
-    subjects = load_subjects(config["checkpoint"], config["official"], "nsm.evaluate")
+    subjects = load_subjects(config, "nsm.evaluate")
+    by_dim = {
+        dim: {s.name: s.morph for s in subjects if s.morph.dim == dim}
+        for dim in sorted({s.morph.dim for s in subjects})
+    }
+    for morphs in by_dim.values():
+        require_slices(morphs, times, plane)
     folder = Path(config["output"]) if config["output"] else _default_folder(subjects)
-    results = _measure(subjects, protocol)
+    with _progress() as bar:
+        results = _measure(subjects, protocol, bar)
+        files = write_evaluations(folder, {s.name: s.origin for s in subjects}, results, protocol)
+        task = bar.add_task("drawing", total=_PICTURES * len(by_dim))
+        for dim, morphs in by_dim.items():
+            suffix = ".png" if len(by_dim) == 1 else f"_{dim}d.png"
+            slices, strip = folder / f"slices{suffix}", folder / f"strip{suffix}"
+            bar.update(task, description="drawing slices")
+            plot_residual_slices(slices, morphs, times, plane)
+            bar.update(task, description="drawing the morphs", advance=1)
+            drawn = try_strip(strip, morphs, size=picture_size)
+            bar.advance(task)
+            files += [slices, strip] if drawn else [slices]
     _show(results, protocol)
-    for file in _write(folder, subjects, results, protocol, config["picture_size"]):
+    for file in files:
         log.info("wrote %s", file)
 
 
-def _measure(subjects: list[Subject], protocol: dict[str, int]) -> dict[str, Evaluation]:
+def _protocol(config: Mapping[str, Any]) -> Protocol:
+    width = _number("shell_width", config["shell_width"])
+    if not width > 0:
+        raise InputError(f"shell_width={width:g} leaves no shell around the surface: give a length such as 0.05")
+    return Protocol(
+        whole_number("volume_resolution", config["volume_resolution"], 8),
+        whole_number("surface_resolution", config["surface_resolution"], 8),
+        whole_number("times", config["times"], 2),
+        width,
+    )
+
+
+def _number(name: str, value: Any) -> float:
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        raise InputError(f"{name}={value} cannot be: give a number")
+    return float(value)
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _progress() -> Progress:
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -52,22 +92,31 @@ def _measure(subjects: list[Subject], protocol: dict[str, int]) -> dict[str, Eva
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
+    return Progress(*columns, console=Console(stderr=True))
+
+
+def _measure(subjects: list[Subject], protocol: Protocol, bar: Progress) -> dict[str, Evaluation]:
     results = {}
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(subjects))
-        for subject in subjects:
+    for subject in subjects:
+        task = bar.add_task("", total=STAGES)
+        # a stage is done when the next one begins
+        started: list[str] = []
 
-            def tell(stage: str, name: str = subject.name) -> None:
-                bar.update(task, description=f"{name}: {stage}".replace("[", r"\["))
+        def tell(stage: str, name: str = subject.name, task: Any = task, started: list[str] = started) -> None:
+            bar.update(task, completed=len(started), description=f"{name}: {stage}".replace("[", r"\["))
+            started.append(stage)
 
-            results[subject.name] = evaluate_morph(subject.morph, **protocol, progress=tell)
-            bar.advance(task)
+        results[subject.name] = evaluate_morph(subject.morph, protocol, tell)
+        bar.update(task, completed=STAGES, description=f"{subject.name}: measured".replace("[", r"\["))
     return results
 
 
-def _show(results: dict[str, Evaluation], protocol: dict[str, int]) -> None:
+def _show(results: dict[str, Evaluation], protocol: Protocol) -> None:
     """Print the table, in parts where a terminal is too narrow for all columns at once."""
-    title = "volume on {volume_resolution}^d cells at {times} times, ends on {surface_resolution}^d".format(**protocol)
+    title = (
+        f"volume on {protocol.volume_resolution}^d cells at {protocol.times} times, "
+        f"ends on {protocol.surface_resolution}^d"
+    )
     console = Console()
     if not console.is_terminal:
         console = Console(width=_NAMES_WIDTH + _COLUMN_WIDTH * len(results))
@@ -77,34 +126,6 @@ def _show(results: dict[str, Evaluation], protocol: dict[str, int]) -> None:
         for column in part.columns:
             column.overflow = "fold"
         console.print(part)
-
-
-def _write(
-    folder: Path,
-    subjects: list[Subject],
-    results: dict[str, Evaluation],
-    protocol: dict[str, int],
-    picture_size: int,
-) -> list[Path]:
-    """Write figures, curves and pictures into a folder; returns the files."""
-    metrics, rows, plot = folder / "metrics.json", folder / "volume.csv", folder / "volume.png"
-    morphs = {s.name: {"origin": s.origin, **results[s.name].to_dict()} for s in subjects}
-    with whole_file(metrics) as temporary:
-        temporary.write_text(json.dumps({"version": nsm.__version__, "protocol": protocol, "morphs": morphs}, indent=2))
-    curves = {name: result.volume for name, result in results.items()}
-    with whole_file(rows) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["morph", "time", "volume", "deviation"])
-        for name, curve in curves.items():
-            columns = (curve.times.tolist(), curve.volumes.tolist(), curve.deviations.tolist())
-            writer.writerows([name, *(f"{number:.9g}" for number in row)] for row in zip(*columns, strict=True))
-    plot_volume_curves(plot, {name: (curve.times, curve.volumes) for name, curve in curves.items()})
-    dims = sorted({s.morph.dim for s in subjects})
-    strips = [folder / ("strip.png" if len(dims) == 1 else f"strip_{dim}d.png") for dim in dims]
-    with Console(stderr=True).status("drawing the morphs"):
-        for dim, strip in zip(dims, strips, strict=True):
-            render_strip(strip, {s.name: s.morph for s in subjects if s.morph.dim == dim}, size=picture_size)
-    return [metrics, rows, plot, *strips]
 
 
 def _default_folder(subjects: list[Subject]) -> Path:

@@ -10,7 +10,7 @@ import pytest
 from analytic import run_here, save, sentence, shrinking, unreadable
 
 from nsm import evaluate
-from nsm.metrics import evaluate_morph
+from nsm.metrics import Protocol, evaluate_morph
 from nsm.subjects import load_subjects
 
 SMALL = ("volume_resolution=12", "surface_resolution=12", "times=3", "picture_size=24")
@@ -30,18 +30,22 @@ def test_a_run_is_measured_into_its_own_folder(tmp_path: Path, capfd: pytest.Cap
     morph = shrinking(2, 0.1)
     save(morph, run / "checkpoints" / "best.ckpt")
     assert run_here(evaluate, f"checkpoint={run}", *SMALL) == 0
-    written = {"metrics.json", "volume.csv", "volume.png", "strip.png"}
+    written = {"metrics.json", "table.md", "volume.csv", "volume.png", "curves.png", "slices.png", "strip.png"}
     assert _files(tmp_path) == {"outputs/disk/checkpoints/best.ckpt"} | {
         f"outputs/disk/evaluation/{name}" for name in written
     }
     told = json.loads((run / "evaluation" / "metrics.json").read_text())
-    assert told["protocol"] == {"volume_resolution": 12, "surface_resolution": 12, "times": 3}
-    expected = evaluate_morph(morph, volume_resolution=12, surface_resolution=12, times=3).to_dict()
+    assert told["protocol"] == Protocol(12, 12, 3).describe()
+    assert set(told["meanings"]) >= {name.split(" t=")[0] for name in told["morphs"]["disk"]["figures"]}
+    expected = evaluate_morph(morph, Protocol(12, 12, 3)).to_dict()
     assert told["morphs"]["disk"]["figures"] == pytest.approx(expected["figures"], nan_ok=True)
     assert told["morphs"]["disk"]["origin"] == str(run / "checkpoints" / "best.ckpt")
     rows = list(csv.DictReader((run / "evaluation" / "volume.csv").read_text().splitlines()))
     assert [row["time"] for row in rows] == ["0", "0.5", "1"]
     assert [float(row["volume"]) for row in rows] == pytest.approx(expected["volume"]["volumes"])
+    assert [float(row["wanted"]) for row in rows] == pytest.approx([expected["volume"]["volumes"][0]] * 3)
+    assert [float(row["error"]) for row in rows] == pytest.approx(expected["volume"]["errors"])
+    assert "| volume std | " in (run / "evaluation" / "table.md").read_text()
     shown = capfd.readouterr().out
     assert "volume std" in shown
     assert "evaluation/strip.png" in sentence(shown).replace(" ", "")
@@ -53,18 +57,19 @@ def test_several_morphs_share_a_table(tmp_path: Path, capfd: pytest.CaptureFixtu
     status = run_here(evaluate, f"checkpoint=[{flat},{solid},{flat}]", "output=results", *SMALL)
     assert status == 0
     assert _files(tmp_path / "results") == {
-        "metrics.json", "volume.csv", "volume.png", "strip_2d.png", "strip_3d.png"
+        "metrics.json", "table.md", "volume.csv", "volume.png", "curves.png",
+        "slices_2d.png", "slices_3d.png", "strip_2d.png", "strip_3d.png",
     }  # fmt: skip
     names = list(json.loads((tmp_path / "results" / "metrics.json").read_text())["morphs"])
     assert names == ["a", "b"]
     shown = capfd.readouterr().out
-    assert shown.count("gradient norm t=0.25") == 1
+    assert shown.count("gradient norm least") == 1
     assert "…" not in shown
 
 
 def test_several_morphs_go_into_a_folder_of_their_own(tmp_path: Path) -> None:
     files = [save(shrinking(2, rise), tmp_path / f"{rise}.ckpt") for rise in (0.1, 0.2)]
-    subjects = load_subjects([str(f) for f in files], None, "nsm.evaluate")
+    subjects = load_subjects({"checkpoint": [str(f) for f in files], "official": None, "growth": None}, "nsm.evaluate")
     assert evaluate._default_folder(subjects).parts[:2] == ("outputs", "evaluations")
     assert len({subject.name for subject in subjects}) == 2
 
@@ -72,20 +77,19 @@ def test_several_morphs_go_into_a_folder_of_their_own(tmp_path: Path) -> None:
 def test_a_narrow_terminal_shows_whole_numbers(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = evaluate_morph(shrinking(2, 0.1), volume_resolution=12, surface_resolution=12, times=3)
+    result = evaluate_morph(shrinking(2, 0.1), Protocol(12, 12, 3))
     monkeypatch.setenv("COLUMNS", "64")
     monkeypatch.setenv("FORCE_COLOR", "1")
-    evaluate._show(
-        {str(n) * 30: result for n in range(5)}, {"volume_resolution": 1, "surface_resolution": 1, "times": 1}
-    )
+    evaluate._show({str(n) * 30: result for n in range(5)}, Protocol(12, 12, 3))
     shown = capfd.readouterr().out
-    assert shown.count("gradient norm t=0.25") == 3
+    assert shown.count("gradient norm least") == 3
     assert "…" not in shown
 
 
 def test_the_same_name_is_given_once(tmp_path: Path) -> None:
     files = [save(shrinking(2, 0.1), tmp_path / str(i) / "x" / "run" / "checkpoints" / "best.ckpt") for i in range(3)]
-    names = [s.name for s in load_subjects([str(f) for f in files], None, "nsm.evaluate")]
+    config = {"checkpoint": [str(f) for f in files], "official": None, "growth": None}
+    names = [s.name for s in load_subjects(config, "nsm.evaluate")]
     assert names == ["0/x/run", "1/x/run", "2/x/run"]
 
 
@@ -96,6 +100,26 @@ def test_a_surface_that_vanishes_is_measured_all_the_same(tmp_path: Path) -> Non
     (measured,) = figures.values()
     assert measured["figures"]["fewest components"] == 0
     assert measured["figures"]["morph to shape t=1"] is None
+
+
+def test_a_growth_is_measured_against_itself(tmp_path: Path) -> None:
+    file = save(shrinking(2, 0.0), tmp_path / "run" / "checkpoints" / "best.ckpt")
+    grow = ("growth=volume_linear", "growth.source=1", "growth.target=2", "volume_resolution=32")
+    assert run_here(evaluate, f"checkpoint={file}", "output=results", *SMALL[1:], *grow) == 0
+    (told,) = json.loads((tmp_path / "results" / "metrics.json").read_text())["morphs"].values()
+    volume = told["volume"]
+    assert volume["volumes"][2] / volume["volumes"][0] == pytest.approx(2, rel=0.01)
+    assert volume["wanted"] == pytest.approx([volume["volumes"][0] * k for k in (1, 1.5, 2)])
+    assert told["figures"]["volume max"] < 0.01
+
+
+def test_a_slice_that_misses_the_box_is_refused_before_anything_is_measured(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = save(shrinking(3, 0.1), tmp_path / "ball.ckpt")
+    assert run_here(evaluate, f"checkpoint={file}", "slices.offset=3", "output=results") == 2
+    assert "offset=3 lies outside the box" in sentence(capfd.readouterr().err)
+    assert not (tmp_path / "results").exists()
 
 
 @pytest.mark.parametrize("ailment", ["missing", "cut", "text", "not ours", "format", "no run"])
@@ -118,6 +142,9 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("official=kitten_fandisk", "times=2.5"), "times=2.5 cannot be: give"),
         (("official=kitten_fandisk", "volume_resolution=0"), "volume_resolution=0 cannot be"),
         (("official=kitten_fandisk", "threads=0"), "threads=0 cannot be"),
+        (("official=kitten_fandisk", "shell_width=0"), "shell_width=0 leaves no shell"),
+        (("official=kitten_fandisk", "shell_width=wide"), "shell_width=wide cannot be: give a number"),
+        (("official=kitten_fandisk", "slices.times=[soon]"), "slices.times=soon cannot be: give a number"),
         (("chekpoint=a",), "chekpoint"),
     ],
 )

@@ -3,139 +3,234 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
-from rich.table import Table
 
+from nsm.geometry.meshing import extract_surface
+from nsm.geometry.transport import DEFAULT_METHOD
+from nsm.metrics import endpoint, events, residuals, surface
 from nsm.metrics.endpoint import EndpointErrors, endpoint_errors
-from nsm.metrics.residuals import QUARTERS, SurfaceResiduals, surface_residuals
-from nsm.metrics.topology import SurfaceTopology, surface_topology
+from nsm.metrics.events import TopologyEvent, topology_events
+from nsm.metrics.figures import AT
+from nsm.metrics.motion import Motion
+from nsm.metrics.residuals import SHELL_WIDTH, SpaceResiduals, space_residuals
+from nsm.metrics.surface import SurfaceFigures, surface_figures
+from nsm.metrics.transport import TransportCheck, check_transport
 from nsm.metrics.volume_curve import VolumeCurve, even_times, volume_curve
 from nsm.types import Morph
 
 
+@dataclass(frozen=True)
+class Protocol:
+    """What two morphs must have in common for their figures to be compared.
+
+    Args:
+        volume_resolution: cells along the box for volumes and for the surface over time.
+        surface_resolution: cells along the box for the surfaces that are compared at both ends.
+        times: how many times from 0 to 1, both included, at least two.
+        shell_width: |f| on the rim of the shell around the surface, a length.
+    """
+
+    volume_resolution: int = 96
+    surface_resolution: int = 128
+    times: int = 11
+    shell_width: float = SHELL_WIDTH
+
+    def describe(self) -> dict[str, Any]:
+        """These settings and all numbers that stand in the code, for a file that is to explain itself."""
+        return asdict(self) | {
+            "points_on_end_surfaces": endpoint.SAMPLES,
+            "points_on_surface": surface.SAMPLES,
+            "points_to_find_shell": residuals.SAMPLES,
+            "points_in_shell_and_box": residuals.REGION_SAMPLES,
+            "time_step_of_rates": residuals.TIME_STEP,
+            "time_tolerance_of_events": events.TIME_TOLERANCE,
+            "transport": repr(DEFAULT_METHOD),
+        }
+
+
 class Evaluation(NamedTuple):
-    """Everything measured on one morph."""
+    """Everything measured on one morph.
+
+    Attributes:
+        volume: over time.
+        ends: how well it meets its two shapes.
+        surfaces: of its surface at each time.
+        space: residuals around the surface and in the box at each time.
+        events: changes of topology, in order of time.
+        transport: of the source by V; None for a method without velocity.
+    """
 
     volume: VolumeCurve
     ends: tuple[EndpointErrors, ...]
-    residuals: tuple[SurfaceResiduals, ...]
-    topology: tuple[SurfaceTopology, ...]
-    #: Mean dihedral angle at t = ½ in degrees.
-    roughness: float
+    surfaces: tuple[SurfaceFigures, ...]
+    space: tuple[SpaceResiduals, ...]
+    events: tuple[TopologyEvent, ...]
+    transport: TransportCheck | None
+
+    @property
+    def motion(self) -> Motion:
+        """Speed of the surface over time."""
+        return Motion([s.time for s in self.surfaces], [s.speed for s in self.surfaces])
 
     def figures(self) -> dict[str, float]:
-        """The headline numbers by name, flat: what a table shows and what two runs are compared by."""
+        """The headline numbers by name, flat: what a table shows; `nsm.metrics.figures` says what each is."""
         named = {
             "volume std": self.volume.relative_std,
             "volume max": self.volume.maximum_deviation,
+            "volume estimator error": self.volume.relative_error,
         }
         for end in self.ends:
-            at = f" t={end.time:g}"
-            named |= {
-                "morph to shape" + at: end.morph_to_shape.mean,
-                "morph to shape 99%" + at: end.morph_to_shape.percentile_99,
-                "shape to morph" + at: end.shape_to_morph.mean,
-                "chamfer" + at: end.chamfer,
-                "hausdorff" + at: end.hausdorff,
-                "normal error" + at: end.normal_error,
-                "volume error" + at: end.volume_error,
-            }
-        named |= {f"gradient norm t={r.time:g}": r.gradient_norm for r in self.residuals}
-        named |= {f"level set residual t={r.time:g}": r.level_set for r in self.residuals}
-        named |= {
-            "most components": max(s.components for s in self.topology),
-            "fewest components": min(s.components for s in self.topology),
-            "roughness t=0.5": self.roughness,
-        }
-        return named
+            named |= {f"{name}{AT}{end.time:g}": value for name, value in _end_figures(end).items()}
+        return named | self._equation_figures() | self._transport_figures() | self._surface_figures()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as JSON takes it: numbers that are not defined become None."""
+        curve, motion = self.volume, self.motion
+        ways = ("morph_to_shape", "shape_to_morph")
         return _plain(
             {
                 "figures": self.figures(),
                 "volume": {
-                    "times": self.volume.times.tolist(),
-                    "volumes": self.volume.volumes.tolist(),
-                    "relative_std": self.volume.relative_std,
-                    "maximum_deviation": self.volume.maximum_deviation,
+                    "times": curve.times.tolist(),
+                    "volumes": curve.volumes.tolist(),
+                    "errors": None if curve.errors is None else curve.errors.tolist(),
+                    "wanted": curve.wanted.tolist(),
+                    "deviations": curve.deviations.tolist(),
                 },
                 "ends": [
                     end._asdict()
-                    | {"morph_to_shape": end.morph_to_shape._asdict(), "shape_to_morph": end.shape_to_morph._asdict()}
+                    | {way: getattr(end, way)._asdict() for way in ways}
                     | {"chamfer": end.chamfer, "hausdorff": end.hausdorff}
                     for end in self.ends
                 ],
-                "residuals": [r._asdict() for r in self.residuals],
-                "topology": [s._asdict() for s in self.topology],
-                "roughness": self.roughness,
+                "surfaces": [s._asdict() for s in self.surfaces],
+                "space": [{"shell": s.shell._asdict(), "box": s.box._asdict()} for s in self.space],
+                "motion": {
+                    "distance": motion.distance,
+                    "unevenness": motion.unevenness,
+                    "middle_share": motion.middle_share,
+                },
+                "events": [e._asdict() for e in self.events],
+                "transport": None if self.transport is None else _transport_dict(self.transport),
             }
         )
+
+    def _equation_figures(self) -> dict[str, float]:
+        norms = [s.gradient_norm for s in self.surfaces]
+        shells, boxes = zip(*self.space, strict=True)
+        return {
+            "gradient norm mean": _mean(norms),
+            "gradient norm least": min(norms, key=_nan_last),
+            "gradient norm std": _mean([s.gradient_norm_std for s in self.surfaces]),
+            "eikonal shell": _mean([r.eikonal for r in shells]),
+            "eikonal box": _mean([r.eikonal for r in boxes]),
+            "level set surface": _mean([s.level_set for s in self.surfaces]),
+            "level set shell": _mean([r.level_set for r in shells]),
+            "level set box": _mean([r.level_set for r in boxes]),
+            "divergence surface": _mean([s.divergence for s in self.surfaces]),
+            "divergence shell": _mean([r.divergence for r in shells]),
+            "divergence box": _mean([r.divergence for r in boxes]),
+        }
+
+    def _transport_figures(self) -> dict[str, float]:
+        if self.transport is None:
+            return {}
+        return {
+            "carried volume drift": self.transport.drift,
+            "carried volume error": self.transport.error,
+            "carried distance": self.transport.mean_distance,
+            "carried distance max": self.transport.maximum_distance,
+        }
+
+    def _surface_figures(self) -> dict[str, float]:
+        components = [s.components for s in self.surfaces]
+        roughness = [s.roughness for s in self.surfaces]
+        return {
+            "distance moved": self.motion.distance,
+            "speed max/mean": self.motion.unevenness,
+            "motion in middle half": self.motion.middle_share,
+            "area least": min(s.area for s in self.surfaces),
+            "area greatest": max(s.area for s in self.surfaces),
+            "roughness mean": _mean(roughness),
+            "roughness greatest": -min([-r for r in roughness], key=_nan_last),
+            "fewest components": min(components),
+            "most components": max(components),
+            "most handles": max(s.genus for s in self.surfaces),
+            "topology events": len(self.events),
+        }
 
 
 @torch.no_grad()
 def evaluate_morph(
-    morph: Morph,
-    *,
-    volume_resolution: int = 96,
-    surface_resolution: int = 128,
-    times: int = 11,
-    progress: Callable[[str], None] = lambda stage: None,
+    morph: Morph, protocol: Protocol = Protocol(), progress: Callable[[str], object] = lambda stage: None
 ) -> Evaluation:
-    """Measure a morph: volume over time, both ends, ‖∇f‖ and residual on the moving surface, topology, roughness.
+    """Measure a morph: volume, ends, the moving surface, both equations, topology, and transport by V.
 
     Args:
         morph: the morph; its box ``morph.bounds`` is the unit of length and what grids are laid over.
-        volume_resolution: cells along the box for volumes, topology, roughness and residuals.
-        surface_resolution: cells along the box for the surfaces compared at both ends.
-        times: how many times from 0 to 1, both included, volume and topology are looked at.
+        protocol: how finely.
         progress: is told the name of each stage as it begins.
     """
-    when = even_times(times)
+    times, resolution = even_times(protocol.times).tolist(), protocol.volume_resolution
     progress("volume over time")
-    curve = volume_curve(morph, when, volume_resolution)
+    curve = volume_curve(morph, even_times(protocol.times), resolution)
     ends = []
     for time, shape in ((0.0, morph.source), (1.0, morph.target)):
         progress(f"surface at t = {time:g}")
-        ends.append(endpoint_errors(morph, time, shape, surface_resolution, volume_resolution))
-    progress("gradient and residual on the surface")
-    residuals = tuple(surface_residuals(morph, time, volume_resolution) for time in QUARTERS)
-    progress("topology over time")
-    counts = tuple(surface_topology(morph, time, volume_resolution) for time in when.tolist())
-    halfway = next((s for s in counts if s.time == 0.5), None) or surface_topology(morph, 0.5, volume_resolution)
-    return Evaluation(curve, tuple(ends), residuals, counts, halfway.roughness)
+        ends.append(endpoint_errors(morph, time, shape, protocol.surface_resolution, resolution))
+    progress("surface over time")
+    meshes = [extract_surface(partial(morph, t=time), morph.bounds, resolution) for time in times]
+    surfaces = tuple(surface_figures(morph, time, mesh) for time, mesh in zip(times, meshes, strict=True))
+    progress("residuals in space")
+    space = tuple(space_residuals(morph, time, protocol.shell_width) for time in times)
+    progress("changes of topology")
+    changes = topology_events(morph, times, meshes, resolution)
+    progress("transport of the source")
+    source = extract_surface(partial(morph, t=0.0), morph.bounds, resolution // _CARRIED_COARSER)
+    carried = check_transport(morph, source, times, meshes)
+    return Evaluation(curve, tuple(ends), surfaces, space, changes, carried)
 
 
-def table(runs: Mapping[str, Mapping[str, float | None]], title: str | None = None) -> Table:
-    """A rich table of `Evaluation.figures`: one row a figure, one column a run.
-
-    Args:
-        runs: figures by run; runs may lack figures that others have.
-        title: heading.
-    """
-    out = Table(title=title)
-    out.add_column("figure", no_wrap=True)
-    for name in runs:
-        out.add_column(name, justify="right")
-    rows = dict.fromkeys(key for figures in runs.values() for key in figures)
-    for row in rows:
-        cells = [_cell(row, figures.get(row)) for figures in runs.values()]
-        if any(cells):
-            out.add_row(row, *cells)
-    return out
+#: Stages that `evaluate_morph` tells of.
+STAGES = 7
+#: The surface that is carried has this many times larger cells; with the middles of its edges it has as many vertices.
+_CARRIED_COARSER = 2
 
 
-def _cell(name: str, value: float | None) -> str:
-    if value is None or math.isnan(value):
-        return ""
-    if "components" in name:
-        return f"{value:.0f}"
-    if "normal" in name or "roughness" in name:
-        return f"{value:.1f}°"
-    return f"{value:.2f}" if "gradient" in name else f"{value:.4f}"
+def _end_figures(end: EndpointErrors) -> dict[str, float]:
+    return {
+        "morph to shape": end.morph_to_shape.mean,
+        "morph to shape 99%": end.morph_to_shape.percentile_99,
+        "morph to shape max": end.morph_to_shape.maximum,
+        "shape to morph": end.shape_to_morph.mean,
+        "shape to morph 99%": end.shape_to_morph.percentile_99,
+        "shape to morph max": end.shape_to_morph.maximum,
+        "chamfer": end.chamfer,
+        "hausdorff": end.hausdorff,
+        "normal error": end.normal_error,
+        "volume error": end.volume_error,
+    }
+
+
+def _transport_dict(check: TransportCheck) -> dict[str, Any]:
+    distances = [None if d is None else d._asdict() for d in check.distances]
+    return {"times": check.times, "volumes": check.volumes, "errors": check.errors, "distances": distances}
+
+
+def _mean(values: list[float]) -> float:
+    """Mean over the times at which a figure is defined."""
+    defined = [value for value in values if not math.isnan(value)]
+    return float(np.mean(defined)) if defined else math.nan
+
+
+def _nan_last(value: float) -> float:
+    return math.inf if math.isnan(value) else value
 
 
 def _plain(value: Any) -> Any:

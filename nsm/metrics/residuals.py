@@ -1,52 +1,120 @@
-"""Is f still a distance on the moving surface, and does the velocity carry that surface?"""
+"""How far a morph is from its two equations, ∂f/∂t + ⟨∇f, V⟩ = 0 and ‖∇f‖ = 1, around its surface and everywhere."""
 
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
-from nsm.geometry.distance import sample_mesh
-from nsm.geometry.meshing import extract_surface
 from nsm.types import Morph
 
-#: Points drawn on the surface.
-SAMPLES = 10_000
+#: Points drawn evenly in the box to find those in the shell; both regions are judged by this many, or all there are.
+SAMPLES, REGION_SAMPLES = 1 << 17, 1 << 13
+#: |f| on the rim of the shell around the surface, in units of length.
+SHELL_WIDTH = 0.05
 #: Step in time of the difference that gives ∂f/∂t.
-_TIME_STEP = 1e-3
-#: When the residuals are looked at unless told otherwise.
-QUARTERS = (0.0, 0.25, 0.5, 0.75, 1.0)
+TIME_STEP = 1e-3
+#: Step of the differences that give div V where a morph does not know it, a share of the longest edge of the box: far
+#: above the rounding of single precision, below what a network resolves.
+SPACE_STEP = 1e-3
 
 
-class SurfaceResiduals(NamedTuple):
-    """What holds on the surface at one time; not a number where there is no surface, or no velocity."""
+class RegionResiduals(NamedTuple):
+    """Means over a part of space at one time; not a number where it has no points, or there is no velocity."""
 
     time: float
-    #: Mean and standard deviation of ‖∇f‖: 1 and 0 for a distance.
-    gradient_norm: float
-    gradient_norm_std: float
-    #: Mean of |∂f/∂t + ⟨∇f, V⟩| / ‖∇f‖: the speed at which V leaves the surface behind, along the normal.
+    #: How many points were looked at.
+    points: int
+    #: Mean of |‖∇f‖ − 1|, without unit.
+    eikonal: float
+    #: Mean of |∂f/∂t + ⟨∇f, V⟩| over the mean of ‖∇f‖, a length per unit of time; scaling f does not change it, and
+    #: the places where ∇f vanishes (there are some in every shape) do not rule it.
     level_set: float
+    #: Mean of |div V|, per unit of time.
+    divergence: float
 
 
-def surface_residuals(morph: Morph, time: float, resolution: int = 96) -> SurfaceResiduals:
-    """Measure ‖∇f‖ and the level set residual on the surface at ``time``, extracted on ``resolution``^d cells."""
-    mesh = extract_surface(partial(morph, t=time), morph.bounds, resolution)
-    if not len(mesh.simplices):
-        return SurfaceResiduals(time, math.nan, math.nan, math.nan)
-    generator = torch.Generator(morph.bounds.device).manual_seed(0)
-    points = sample_mesh(mesh, SAMPLES, generator).points
-    gradient = morph.gradient(points, time).detach()
-    norm = gradient.norm(dim=1)
-    velocity = morph.velocity(points, time)
-    level_set = math.nan
-    if velocity is not None:
-        # a morph need not go on before 0 or after 1
-        before, after = max(0.0, time - _TIME_STEP), min(1.0, time + _TIME_STEP)
-        with torch.no_grad():
-            rate = (morph(points, after) - morph(points, before)) / (after - before)
-        transported = (gradient * velocity.detach()).sum(1)
-        level_set = float(((rate + transported).abs() / norm).mean())
-    return SurfaceResiduals(time, float(norm.mean()), float(norm.std()), level_set)
+class SpaceResiduals(NamedTuple):
+    """Residuals at one time in the shell {|f| < width} and in the whole box."""
+
+    shell: RegionResiduals
+    box: RegionResiduals
+
+
+@torch.no_grad()
+def space_residuals(morph: Morph, time: float, width: float = SHELL_WIDTH) -> SpaceResiduals:
+    """Measure the residuals at points drawn evenly in ``morph.bounds``, always the same ones.
+
+    Args:
+        morph: the morph.
+        time: when to look.
+        width: |f| on the rim of the shell.
+    """
+    low, high = morph.bounds
+    generator = torch.Generator(low.device).manual_seed(0)
+    share = torch.rand(SAMPLES, morph.dim, generator=generator, dtype=low.dtype, device=low.device)
+    points = low + share * (high - low)
+    near = points[morph(points, time).abs() < width]
+    return SpaceResiduals(*(_region(morph, region[:REGION_SAMPLES], time) for region in (near, points)))
+
+
+def rate(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"]:
+    """∂f/∂t (n,) by differences of second order: central, and one-sided at 0 and 1, where a morph may end."""
+    with torch.no_grad():
+        # steps and their weights
+        if time < TIME_STEP:
+            stencil = {0: -1.5, 1: 2.0, 2: -0.5}
+        elif time > 1 - TIME_STEP:
+            stencil = {0: 1.5, -1: -2.0, -2: 0.5}
+        else:
+            stencil = {1: 0.5, -1: -0.5}
+        values = [weight * morph(x, time + step * TIME_STEP) for step, weight in stencil.items()]
+        return torch.stack(values).sum(0) / TIME_STEP
+
+
+def level_set_residual(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"] | None:
+    """∂f/∂t + ⟨∇f, V⟩ (n,), a distance per unit of time where f is one; None for a method without velocity."""
+    velocity = morph.velocity(x, time)
+    if velocity is None:
+        return None
+    return (rate(morph, x, time) + (morph.gradient(x, time) * velocity).sum(1)).detach()
+
+
+def eikonal_residual(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"]:
+    """‖∇f‖ − 1 (n,): 0 for a distance."""
+    return morph.gradient(x, time).detach().norm(dim=1) - 1
+
+
+def divergence(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"] | None:
+    """div V (n,) per unit of time: as the morph itself gives it, else by central differences of V; None without V."""
+    exact = getattr(morph, "divergence", None)
+    if exact is not None:
+        value = exact(x, time)
+        if value is not None:
+            return value.detach()
+    if morph.velocity(x[:1], time) is None:
+        return None
+    step = SPACE_STEP * float((morph.bounds[1] - morph.bounds[0]).max())
+    total = x.new_zeros(len(x))
+    with torch.no_grad():
+        for axis, shift in enumerate(step * torch.eye(morph.dim, dtype=x.dtype, device=x.device)):
+            before, after = morph.velocity(x - shift, time), morph.velocity(x + shift, time)
+            if before is not None and after is not None:
+                total += (after[:, axis] - before[:, axis]) / (2 * step)
+    return total
+
+
+def mean_size(values: Float[Tensor, " n"] | None) -> float:
+    """Mean of |values|; not a number where there are none."""
+    return math.nan if values is None else float(values.abs().mean())
+
+
+def _region(morph: Morph, points: Tensor, time: float) -> RegionResiduals:
+    if not len(points):
+        return RegionResiduals(time, 0, math.nan, math.nan, math.nan)
+    eikonal = eikonal_residual(morph, points, time)
+    level_set = mean_size(level_set_residual(morph, points, time)) / float((eikonal + 1).mean())
+    return RegionResiduals(time, len(points), mean_size(eikonal), level_set, mean_size(divergence(morph, points, time)))

@@ -9,30 +9,50 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.geometry.volume import volume
+from nsm.geometry.volume import volume_with_error
+from nsm.growth import Grown
 from nsm.types import Morph
 
 
 class VolumeCurve(NamedTuple):
-    """Volume (area in 2D) inside a morph at some times, the first of which is the reference for deviations."""
+    """Volume (area in 2D) inside a morph at some times, the first of which is the reference for deviations.
+
+    Attributes:
+        times: (k,).
+        volumes: (k,), in units of length to the power d.
+        errors: how far each volume may be off (k,), by the estimator's own account; None where nobody asked it.
+        growth: volume that is wanted at each time, relative to that at the first (k,); None where none should change.
+    """
 
     times: Float[Tensor, " k"]
     volumes: Float[Tensor, " k"]
+    errors: Float[Tensor, " k"] | None = None
+    growth: Float[Tensor, " k"] | None = None
+
+    @property
+    def wanted(self) -> Float[Tensor, " k"]:
+        """The volume that is wanted: V(0), or V(0) times the growth."""
+        return self.volumes[0] * (torch.ones_like(self.volumes) if self.growth is None else self.growth)
 
     @property
     def deviations(self) -> Float[Tensor, " k"]:
-        """V(t) / V(0) - 1; infinite where nothing was there at the start."""
-        return (self.volumes - self.volumes[0]) / self.volumes[0]
+        """V(t) over the wanted volume, − 1; not finite where nothing was there at the start."""
+        return (self.volumes - self.wanted) / self.wanted
 
     @property
     def relative_std(self) -> float:
-        """Standard deviation of V over the times (with n - 1), divided by V(0)."""
-        return float(self.volumes.std() / self.volumes[0])
+        """Standard deviation over the times (with n − 1) of V over the wanted volume."""
+        return float(self.deviations.std())
 
     @property
     def maximum_deviation(self) -> float:
-        """Greatest |V(t) / V(0) - 1|."""
+        """Greatest |V(t) / wanted − 1|."""
         return float(self.deviations.abs().max())
+
+    @property
+    def relative_error(self) -> float:
+        """Greatest error of the estimator, relative to the wanted volume; not a number where nobody asked it."""
+        return float("nan") if self.errors is None else float((self.errors / self.wanted).abs().max())
 
 
 def even_times(count: int = 11) -> Float[Tensor, " k"]:
@@ -41,7 +61,7 @@ def even_times(count: int = 11) -> Float[Tensor, " k"]:
 
 
 def volume_curve(morph: Morph, times: Float[Tensor, " k"] | None = None, resolution: int = 96) -> VolumeCurve:
-    """Volume of {f(·, t) < 0} within ``morph.bounds``, as `nsm.geometry.volume` measures it.
+    """Volume of {f(·, t) < 0} within ``morph.bounds``, as `nsm.geometry.volume` measures it, and the error of that.
 
     Args:
         morph: the morph.
@@ -49,5 +69,9 @@ def volume_curve(morph: Morph, times: Float[Tensor, " k"] | None = None, resolut
         resolution: cells along the longest edge of the box.
     """
     times = even_times() if times is None else torch.as_tensor(times, dtype=torch.double)
-    volumes = [volume(partial(morph, t=t), morph.bounds, resolution) for t in times.tolist()]
-    return VolumeCurve(times, torch.tensor(volumes, dtype=torch.double))
+    measured = [volume_with_error(partial(morph, t=t), morph.bounds, resolution) for t in times.tolist()]
+    volumes, errors = torch.tensor(measured, dtype=torch.double).unbind(1)
+    growth = None
+    if isinstance(morph, Grown):
+        growth = morph.growth.relative_volume(times) / morph.growth.relative_volume(float(times[0]))
+    return VolumeCurve(times, volumes, errors, growth)
