@@ -5,18 +5,17 @@ from __future__ import annotations
 import csv
 import os
 
-import numpy as np
 import pytest
 import torch
 import trimesh
 from PIL import Image
-from problems import MOTIONS, Ball, LinearMotion
+from problems import MOTIONS
 
 from nsm.errors import InputError
 from nsm.files import whole_file
 from nsm.geometry.meshing import extract_surface
 from nsm.types import SimplexMesh
-from nsm.writers import plot_volume_curves, render_strip, write_mesh, write_volume_curve
+from nsm.writers import plot_volume_curves, write_mesh, write_volume_curve
 
 
 def picture_size(path):
@@ -106,40 +105,3 @@ def test_volume_curves(tmp_path):
     assert [float(row["volume"]) for row in rows] == pytest.approx(volumes.tolist())
     plot_volume_curves(tmp_path / "curve.png", {"one": (times, volumes), "gone": (times, torch.zeros(3))})
     assert picture_size(tmp_path / "curve.png")[0] > 500
-
-
-def test_a_strip_of_surfaces_is_bright_and_whole(tmp_path):
-    render_strip(tmp_path / "strip.png", MOTIONS["translating_ball"](3), [0.0, 1.0], size=60, resolution=32)
-    picture = np.asarray(Image.open(tmp_path / "strip.png").convert("RGB")).astype(int)
-    surface = (picture[..., 2] - picture[..., 0] > 20)[:60]  # blue
-    left, right = surface[:, :60], surface[:, 60:]
-    assert 0.04 < left.mean() < 0.5
-    assert left.sum() == pytest.approx(right.sum(), rel=0.1)
-    # no holes: every row of the disk is one run of pixels
-    assert all((np.diff(row.astype(int)) != 0).sum() <= 2 for row in left)
-    assert (picture[0] > 250).all()
-    assert picture[:60][surface].mean() > 120
-
-
-def test_a_strip_of_several_flat_morphs(tmp_path):
-    morphs = {name: MOTIONS[name](2) for name in ("rotating_box", "squashed_ball")}
-    render_strip(tmp_path / "strip.png", morphs, [0.0, 0.5, 1.0], size=60, resolution=40)
-    width, height = picture_size(tmp_path / "strip.png")
-    assert width >= 180
-    assert height >= 120
-
-
-def test_a_strip_shows_emptiness_too(tmp_path):
-    class Gone(LinearMotion):
-        def __call__(self, x, t):
-            return super().__call__(x, t) + t
-
-    for dim in (2, 3):
-        render_strip(tmp_path / f"{dim}.png", Gone(Ball(dim)), [0.0, 1.0], size=40, resolution=16)
-        assert (tmp_path / f"{dim}.png").exists()
-
-
-def test_a_strip_of_two_dimensions_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"dimensions \[2, 3\]"):
-        render_strip(tmp_path / "strip.png", {"a": LinearMotion(Ball(2)), "b": LinearMotion(Ball(3))})
-    assert not list(tmp_path.iterdir())
