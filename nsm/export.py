@@ -1,111 +1,88 @@
-"""``python -m nsm.export``: a morph as a sequence of meshes."""
+"""``python -m nsm.export``: a morph as files for other programs."""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import torch
 from omegaconf import DictConfig, OmegaConf
-from rich.console import Console
-from rich.progress import Progress
 
 from nsm import entry
 from nsm.errors import InputError
-from nsm.frames import extract_frame
+from nsm.exporters import Animation, Format, Meshes, Program, Request
+from nsm.inference import write_onnx, write_pt2, write_safetensors
 from nsm.metrics import even_times
-from nsm.morph import NeuralMorph
-from nsm.shapes import Similarity
+from nsm.shapes.download import file_sha256
 from nsm.subjects import Subject, load_subjects, whole_number
-from nsm.types import SimplexMesh
-from nsm.writers import write_mesh
+from nsm.writers import gltf, usd
 
-log = logging.getLogger(__name__)
-
-#: What can be written, by dimension; the first is the default.
-FORMATS = {2: ("obj",), 3: ("ply", "obj", "stl")}
-#: Whose coordinates the vertices may have.
-FRAMES = ("morph", "source", "target")
+#: Every format by its name; the first that can hold a morph is its default.
+FORMATS: dict[str, Format] = {
+    "ply": Meshes("ply"),
+    "obj": Meshes("obj", dims=(2, 3)),
+    "stl": Meshes("stl"),
+    "glb": Animation((".glb",), gltf.write_glb_frames, gltf.write_glb_carried),
+    "usd": Animation(usd.SUFFIXES, usd.write_usd_frames, usd.write_usd_carried),
+    "safetensors": Program("safetensors", write_safetensors),
+    "pt2": Program("pt2", write_pt2),
+    "onnx": Program("onnx", write_onnx),
+}
 
 
 def main(cfg: DictConfig) -> None:
-    """Load one morph and write its surface at all times."""
+    """Load one morph and write it in one format."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     times, resolution = _times(config["times"]), whole_number("resolution", config["resolution"], 2)
-    if config["frame"] not in FRAMES:
-        raise InputError(f"frame={config['frame']} is not known: give one of {', '.join(FRAMES)}")
-    if config["format"] not in (None, *FORMATS[3]):
-        raise InputError(f"format={config['format']} cannot be written: give one of {', '.join(FORMATS[3])}")
     if config["threads"] is not None:
         torch.set_num_threads(whole_number("threads", config["threads"], 1))
-    subjects = load_subjects(config["checkpoint"], config["official"], "nsm.export")
+    _require_known(config["format"])
+    subject = _one(load_subjects(config, "nsm.export"))
+    request = Request(
+        morph=subject.morph,
+        output=Path(config["output"]) if config["output"] else _default_folder(subject),
+        times=times,
+        resolution=resolution,
+        frame=config["frame"],
+        exact_volume=_switch("exact_volume", config["exact_volume"]),
+        transport=_switch("transport", config["transport"]),
+        mesh=None if config["mesh"] is None else str(config["mesh"]),
+        project=_switch("project", config["project"]),
+        seconds=_duration(config["seconds"]),
+        identity={"morph": _content(subject), "growth": config["growth"]},
+    )
+    _format(config["format"], subject.morph.dim).export(request)
+
+
+def _require_known(name: str | None) -> None:
+    if name is not None and name not in FORMATS:
+        near = get_close_matches(str(name), FORMATS, n=1)
+        hint = f" (did you mean {near[0]}?)" if near else ""
+        raise InputError(f"format={name} cannot be written: give one of {', '.join(FORMATS)}{hint}")
+
+
+def _format(name: str | None, dim: int) -> Format:
+    """The format of a name, or the first for the dimension."""
+    fitting = {known: format for known, format in FORMATS.items() if dim in format.dims}
+    if name is not None and name not in fitting:
+        raise InputError(f"format={name} holds no curves, and this morph is 2D: give one of {', '.join(fitting)}")
+    return fitting[name or next(iter(fitting))]
+
+
+def _one(subjects: list[Subject]) -> Subject:
     if len(subjects) > 1:
         raise InputError(
             f"{len(subjects)} morphs are named, but one is exported at a time: repeat the command for each"
         )
-    morph = subjects[0].morph
-    suffix = config["format"] or FORMATS[morph.dim][0]
-    if suffix not in FORMATS[morph.dim]:
-        raise InputError(f"format={suffix} holds no curves, and this morph is 2D: give format=obj")
-    folder = Path(config["output"]) if config["output"] else _default_folder(subjects[0])
-
-    written = 0
-    with Progress(console=Console(stderr=True)) as bar:
-        for _ in bar.track(
-            export_frames(morph, folder, times, resolution, suffix, config["frame"]),
-            len(times),
-            description="exporting",
-        ):
-            written += 1
-    if not written:
-        raise InputError(
-            f"{subjects[0].origin} has no surface at any of the {len(times)} times, so nothing is written: "
-            "train it again"
-        )
-    log.info("wrote %d of %d frames to %s", written, len(times), folder)
+    return subjects[0]
 
 
-def export_frames(
-    morph: NeuralMorph, folder: Path, times: Sequence[float], resolution: int, suffix: str = "ply", frame: str = "morph"
-) -> Iterator[Path]:
-    """Write the surface at each time as ``frame_0000.ply``, ``frame_0001.ply``, … with the normals ∇f/‖∇f‖.
-
-    Each file appears whole or not at all. At a time without a surface there is a warning, and no file of that number.
-
-    Args:
-        morph: the morph.
-        folder: where the files go.
-        times: one a frame.
-        resolution: cells along the longest edge of the box.
-        suffix: of `FORMATS`.
-        frame: the vertices' coordinates: ``morph`` for those of the box; ``source`` or ``target`` for those of that
-            end's file (or formula), so that fit, pose and normalisation of its volume are undone.
-
-    Yields:
-        Each file when it is written.
-
-    Raises:
-        InputError: if the folder holds frames of a longer sequence, or cannot be written.
-    """
-    back = Similarity.identity(morph.dim) if frame == "morph" else getattr(morph, frame).similarity.inverse()
-    files = [folder / f"frame_{number:04d}.{suffix}" for number in range(len(times))]
-    if strangers := sorted(set(folder.glob(f"frame_*.{suffix}")) - set(files)):
-        raise InputError(
-            f"{folder} holds frames of a longer sequence ({strangers[0].name} …), which would be taken for this one's: "
-            "remove them, or give another output"
-        )
-    for time, file in zip(times, files, strict=True):
-        _, _, mesh, normals = extract_frame(morph, time, resolution)
-        if not len(mesh.simplices):
-            file.unlink(missing_ok=True)
-            log.warning("there is no surface at t = %g: %s is left out", time, file.name)
-            continue
-        # in double precision, for the coordinates of a file may lie far from its origin
-        placed = SimplexMesh(back.apply(mesh.vertices.double()), mesh.simplices)
-        write_mesh(file, placed, back.turn(normals.double()))
-        yield file
+def _content(subject: Subject) -> str:
+    """What a morph is: the hash of its checkpoint, or the name of a published one, whose files are checked."""
+    file = Path(subject.origin)
+    return file_sha256(file) if file.is_file() else subject.origin
 
 
 def _times(given: Any) -> list[float]:
@@ -119,6 +96,18 @@ def _times(given: Any) -> list[float]:
         f"times={given} names no times: give how many, such as times=24, or a list of numbers from 0 to 1 such as "
         "times=[0,0.5,1]"
     )
+
+
+def _switch(name: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{name}={value} is neither yes nor no: give {name}=true or {name}=false")
+    return value
+
+
+def _duration(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < inf:
+        raise InputError(f"seconds={value} is no time to play in: give a positive number, such as seconds=4")
+    return float(value)
 
 
 def _default_folder(subject: Subject) -> Path:
