@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import subprocess
 import sys
@@ -19,12 +20,14 @@ from nsm.configuration import CONF
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 MODULES = sorted((ROOT / "nsm").rglob("*.py"))
+UNPINNED = {"ray"}  # needs an older cloudpickle than the other launchers
 CONFIGS = sorted((ROOT / "conf").rglob("*.yaml"))
 
 
 def requirements() -> list[Requirement]:
     project = PROJECT["project"]
-    lines = project["dependencies"] + sum(project["optional-dependencies"].values(), [])
+    extras = [lines for extra, lines in project["optional-dependencies"].items() if extra not in UNPINNED]
+    lines = itertools.chain(project["dependencies"], *extras)
     return [requirement for line in lines if (requirement := Requirement(line)).name != "nsm"]
 
 
