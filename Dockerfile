@@ -11,13 +11,13 @@ ENV DEBIAN_FRONTEND=noninteractive \
     PYTHONUNBUFFERED=1 \
     PATH=/opt/nsm/bin:$PATH
 
+# Pictures are drawn by Mesa's OpenGL, without a display or a graphics card.
 # Versions of a distribution's packages belong to the base, which the caller pins.
 # hadolint ignore=DL3008
-RUN if ! command -v python3 >/dev/null; then \
-      apt-get update \
-      && apt-get install --yes --no-install-recommends python3 python3-venv \
-      && rm -rf /var/lib/apt/lists/*; \
-    fi \
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends libegl1 libgl1-mesa-dri \
+    && if ! command -v python3 >/dev/null; then apt-get install --yes --no-install-recommends python3 python3-venv; fi \
+    && rm -rf /var/lib/apt/lists/* \
     && python3 -m venv /opt/nsm \
     && useradd --create-home --uid 10001 --user-group nsm \
     && install --directory --owner=nsm --group=nsm /home/nsm/outputs

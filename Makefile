@@ -6,6 +6,8 @@ VENV := .venv
 RUN := $(VENV)/bin/python -m
 PIP := $(RUN) pip install -qq --disable-pip-version-check --no-input
 STAMP := $(VENV)/.installed
+# The Khronos validator of glTF files, for the tests; without npm they are skipped.
+GLTF := tests/gltf/node_modules/.package-lock.json
 
 # The official networks and meshes; without them the tests that need them are skipped.
 NSM_DATA_DIR ?= $(abspath $(wildcard ../shared/data))
@@ -22,7 +24,7 @@ help: ## show this list
 demo: $(STAMP) ## train the default morph, two cylinders to a torus, into outputs/demo
 	$(RUN) nsm.train hydra.run.dir=outputs/demo
 
-test: $(STAMP) ## run all tests (WORKERS=2 side by side, PYTEST_ARGS for pytest)
+test: $(STAMP) $(GLTF) ## run all tests (WORKERS=2 side by side, PYTEST_ARGS for pytest)
 	$(RUN) pytest -q -n $(WORKERS) $(PYTEST_ARGS)
 
 lint: $(STAMP) ## check style, types and the direction of imports
@@ -33,6 +35,9 @@ lint: $(STAMP) ## check style, types and the direction of imports
 
 bench: $(STAMP) ## measure the speed of a training step and what else tools/bench_*.py measures
 	@set -e; for tool in tools/bench_*.py; do echo "== $$tool"; $(VENV)/bin/python $$tool; done
+
+$(GLTF): tests/gltf/package-lock.json
+	@if command -v npm >/dev/null; then npm ci --silent --no-fund --ignore-scripts --prefix tests/gltf; fi
 
 $(STAMP): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "nsm needs Python 3.11 or newer and found none: make PYTHON=/path/to/python3.11" >&2; exit 1; }
