@@ -17,7 +17,7 @@ from nsm.errors import InputError
 from nsm.geometry.meshing import extract_surface, open_sides
 from nsm.geometry.volume import volume
 from nsm.growth import Grown, Growth, ScaleLinear, SmoothStep, Table, VolumeLinear, build_growth
-from nsm.shapes import SirenFile, equal_volume
+from nsm.shapes import SirenFile, equal_volume, primitive
 from nsm.subjects import load_subjects
 from nsm.types import Morph
 
@@ -226,6 +226,16 @@ class _Blend:
 
     def velocity(self, x, t):
         return None
+
+
+@torch.no_grad()
+def test_an_end_shape_may_outgrow_the_box():
+    morph = _Blend(primitive.Ball(0.8), primitive.Ball(0.6, center=[0.2, 0, 0], pose={"translation": [0.1, 0, 0]}))
+    grown = Grown(morph, VolumeLinear(3, 1.0, 8.0))
+    x = 4 * torch.rand(500, 3) - 2
+    assert grown.bounds[1].tolist() == [2, 2, 2]
+    assert grown.target(x) == pytest.approx((x - torch.tensor([0.6, 0, 0])).norm(dim=1) - 1.2, abs=1e-5)
+    assert grown.target.surface().vertices.amax() == pytest.approx(1.8, abs=1e-3)
 
 
 @torch.no_grad()

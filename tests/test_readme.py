@@ -8,14 +8,17 @@ from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 
 from nsm.configuration import CONF
+from nsm.study.plan import read_study
 from tests.analytic import save, shrinking
 from tests.runs import composed
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"```(\w*)\n(.*?)```", README, re.DOTALL)
+TEXTS = README + (ROOT / "docs" / "methods.md").read_text()
+BLOCKS = re.findall(r"```(\w*)\n(.*?)```", TEXTS, re.DOTALL)
 COMMANDS = [
     shlex.split(line, comments=True)[2:]
     for kind, block in BLOCKS
@@ -33,11 +36,16 @@ def single(overrides: list[str]) -> list[str]:
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_every_command_is_understood(command: list[str]) -> None:
     entry, *overrides = command
+    overrides = [override for override in overrides if override not in {"-m", "…"}]
     if entry == "nsm.train":
-        assert composed(*single([o for o in overrides if o != "-m"])).steps > 0
+        assert composed(*single(overrides)).steps > 0
+        return
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = compose(entry.removeprefix("nsm."), overrides)
+    if entry == "nsm.compare":
+        assert read_study(OmegaConf.to_container(config, resolve=True)).methods
     else:
-        with initialize_config_dir(str(CONF), version_base="1.3"):
-            assert compose(entry.removeprefix("nsm."), overrides).checkpoint == "outputs/demo"
+        assert config.checkpoint == "outputs/demo"
 
 
 def test_the_make_targets_are_there() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import Any
 
 import torch
@@ -52,8 +53,10 @@ class Primitive(FieldShape):
         return self.similarity.scale * self.own_distance(self.similarity.pull_back(x))
 
     def transformed(self, similarity: Similarity) -> Primitive:
-        """The same primitive with another pose."""
-        return type(self)(**self._arguments, pose=similarity.after(self.similarity))
+        """The same primitive with another pose, in the box or out of it: what is shown may outgrow the box."""
+        moved = copy(self)
+        moved.similarity, moved._surface = similarity.after(self.similarity), None
+        return moved
 
     def config(self) -> dict[str, Any]:
         """Class, arguments and pose; the state is empty."""
@@ -283,14 +286,13 @@ class Union(Primitive):
     """
 
     def __init__(self, shapes: Sequence[Primitive], pose: Pose = None) -> None:
-        members = list(shapes)
-        dims = {shape.dim for shape in members}
+        self._members = list(shapes)
+        dims = {shape.dim for shape in self._members}
         if len(dims) != 1:
             raise InputError(
                 f"A union of shapes in {sorted(dims) or 'no'} dimensions was given: name shapes of one dimension."
             )
-        self._members = members
-        super().__init__(dims.pop(), pose, {"shapes": members})
+        super().__init__(dims.pop(), pose, {"shapes": self._members})
 
     def own_distance(self, p: Tensor) -> Tensor:
         return torch.stack([shape(p) for shape in self._members]).amin(0)
