@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,8 @@ import trimesh
 
 from nsm.errors import InputError
 from nsm.shapes import Ball, LandmarkTable, LandmarkVertices, Similarity
+
+ROOT = Path(__file__).resolve().parent.parent
 
 
 def test_a_table_has_one_pair_a_row_under_names_or_not(tmp_path: Path) -> None:
@@ -65,3 +69,18 @@ def test_vertices_of_two_meshes_belong_together_by_their_numbers(tmp_path: Path)
         LandmarkVertices(*files, [8], [0]).read(3)
     with pytest.raises(InputError, match=r"2 vertices of .*a.ply and 1 of .*b.ply"):
         LandmarkVertices(*files, [0, 1], [0]).read(3)
+
+
+def test_a_twisted_mesh_keeps_its_volume_and_knows_where_each_vertex_went(tmp_path: Path) -> None:
+    source, target = str(tmp_path / "a.obj"), str(tmp_path / "b.obj")
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    ball.apply_scale([1, 0.8, 1.5])
+    ball.export(source)
+    command = [sys.executable, str(ROOT / "tools" / "twist_mesh.py"), source, target, "--degrees", "90", "--axis", "z"]
+    subprocess.run(command, check=True, capture_output=True)
+    assert trimesh.load_mesh(target).volume == pytest.approx(ball.volume, rel=1e-3)
+    before, after = LandmarkVertices(source, target).read(3)
+    torch.testing.assert_close(after[:, 2], before[:, 2], atol=1e-6, rtol=0)
+    place = [torch.complex(points[:, 0], points[:, 1]) for points in (before, after)]
+    turned = torch.polar(torch.ones(len(before)).double(), torch.pi / 2 * before[:, 2] / 3)
+    torch.testing.assert_close(place[1], place[0] * turned, atol=1e-6, rtol=0)
