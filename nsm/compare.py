@@ -20,13 +20,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from nsm import entry
+from nsm.settings import whole_number
 from nsm.study.plan import Job, Study, jobs, read_study
 from nsm.study.progress import StudyProgress
 from nsm.study.record import DONE, FAILED, prepare
 from nsm.study.report import write_report
 from nsm.study.results import Result, result_of_official, result_of_run
 from nsm.study.run import carry_out
-from nsm.subjects import whole_number
 
 log = logging.getLogger(__name__)
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from nsm import entry
-from nsm.errors import InputError
 from nsm.metrics import STAGES, Evaluation, Protocol, evaluate_morph, table
-from nsm.subjects import Subject, load_subjects, whole_number
+from nsm.settings import moments, number, positive, use_threads, whole_number
+from nsm.subjects import Subject, load_subjects, output_folder
 from nsm.writers import Plane, plot_residual_slices, require_slices, try_strip, write_evaluations
 
 log = logging.getLogger(__name__)
@@ -32,10 +30,9 @@ def main(cfg: DictConfig) -> None:
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     protocol = _protocol(config)
     picture_size = whole_number("picture_size", config["picture_size"], 16)
-    times = [_number("slices.times", time) for time in _listed(config["slices"]["times"])]
-    plane = Plane(str(config["slices"]["axis"]), _number("slices.offset", config["slices"]["offset"]))
-    if config["threads"] is not None:
-        torch.set_num_threads(whole_number("threads", config["threads"], 1))
+    times = moments("slices.times", config["slices"]["times"])
+    plane = Plane(str(config["slices"]["axis"]), number("slices.offset", config["slices"]["offset"]))
+    use_threads(config)
     subjects = load_subjects(config, "nsm.evaluate")
     by_dim = {
         dim: {s.name: s.morph for s in subjects if s.morph.dim == dim}
@@ -43,7 +40,7 @@ def main(cfg: DictConfig) -> None:
     }
     for morphs in by_dim.values():
         require_slices(morphs, times, plane)
-    folder = Path(config["output"]) if config["output"] else _default_folder(subjects)
+    folder = Path(config["output"]) if config["output"] else output_folder(subjects, "evaluation")
     with _progress() as bar:
         results = _measure(subjects, protocol, bar)
         files = write_evaluations(folder, {s.name: s.origin for s in subjects}, results, protocol)
@@ -63,25 +60,12 @@ def main(cfg: DictConfig) -> None:
 
 
 def _protocol(config: Mapping[str, Any]) -> Protocol:
-    width = _number("shell_width", config["shell_width"])
-    if not width > 0:
-        raise InputError(f"shell_width={width:g} leaves no shell around the surface: give a length such as 0.05")
     return Protocol(
         whole_number("volume_resolution", config["volume_resolution"], 8),
         whole_number("surface_resolution", config["surface_resolution"], 8),
         whole_number("times", config["times"], 2),
-        width,
+        positive("shell_width", config["shell_width"]),
     )
-
-
-def _number(name: str, value: Any) -> float:
-    if not isinstance(value, (int, float)) or isinstance(value, bool):
-        raise InputError(f"{name}={value} cannot be: give a number")
-    return float(value)
-
-
-def _listed(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
 
 
 def _progress() -> Progress:
@@ -126,13 +110,6 @@ def _show(results: dict[str, Evaluation], protocol: Protocol) -> None:
         for column in part.columns:
             column.overflow = "fold"
         console.print(part)
-
-
-def _default_folder(subjects: list[Subject]) -> Path:
-    """``evaluation`` in the folder of a run that is looked at alone, else a new folder."""
-    if len(subjects) == 1 and subjects[0].folder is not None:
-        return subjects[0].folder / "evaluation"
-    return Path("outputs") / "evaluations" / datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
 
 
 if __name__ == "__main__":

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
-from math import inf
 from pathlib import Path
 from typing import Any
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 
 from nsm import entry
 from nsm.errors import InputError
 from nsm.exporters import Animation, Format, Meshes, Program, Request
 from nsm.inference import write_onnx, write_pt2, write_safetensors
-from nsm.metrics import even_times
+from nsm.settings import moments, positive, switch, use_threads, whole_number
 from nsm.shapes.download import file_sha256
-from nsm.subjects import Subject, load_subjects, whole_number
+from nsm.subjects import Subject, load_subjects, output_folder
 from nsm.writers import gltf, usd
 
 #: Every format by its name; the first that can hold a morph is its default.
@@ -35,22 +33,21 @@ FORMATS: dict[str, Format] = {
 def main(cfg: DictConfig) -> None:
     """Load one morph and write it in one format."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
-    times, resolution = _times(config["times"]), whole_number("resolution", config["resolution"], 2)
-    if config["threads"] is not None:
-        torch.set_num_threads(whole_number("threads", config["threads"], 1))
+    times, resolution = moments("times", config["times"]), whole_number("resolution", config["resolution"], 2)
+    use_threads(config)
     _require_known(config["format"])
     subject = _one(load_subjects(config, "nsm.export"))
     request = Request(
         morph=subject.morph,
-        output=Path(config["output"]) if config["output"] else _default_folder(subject),
+        output=Path(config["output"]) if config["output"] else output_folder([subject], "export"),
         times=times,
         resolution=resolution,
         frame=config["frame"],
-        exact_volume=_switch("exact_volume", config["exact_volume"]),
-        transport=_switch("transport", config["transport"]),
+        exact_volume=switch("exact_volume", config["exact_volume"]),
+        transport=switch("transport", config["transport"]),
         mesh=None if config["mesh"] is None else str(config["mesh"]),
-        project=_switch("project", config["project"]),
-        seconds=_duration(config["seconds"]),
+        project=switch("project", config["project"]),
+        seconds=positive("seconds", config["seconds"]),
         identity={"morph": _content(subject), "growth": config["growth"]},
     )
     _format(config["format"], subject.morph.dim).export(request)
@@ -83,37 +80,6 @@ def _content(subject: Subject) -> str:
     """What a morph is: the hash of its checkpoint, or the name of a published one, whose files are checked."""
     file = Path(subject.origin)
     return file_sha256(file) if file.is_file() else subject.origin
-
-
-def _times(given: Any) -> list[float]:
-    """Times from a count or a list."""
-    if isinstance(given, int) and not isinstance(given, bool) and given >= 1:
-        return even_times(given).tolist()
-    numbers = given if isinstance(given, list) else []
-    if numbers and all(isinstance(t, (int, float)) and not isinstance(t, bool) and 0 <= t <= 1 for t in numbers):
-        return [float(t) for t in numbers]
-    raise InputError(
-        f"times={given} names no times: give how many, such as times=24, or a list of numbers from 0 to 1 such as "
-        "times=[0,0.5,1]"
-    )
-
-
-def _switch(name: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise InputError(f"{name}={value} is neither yes nor no: give {name}=true or {name}=false")
-    return value
-
-
-def _duration(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < inf:
-        raise InputError(f"seconds={value} is no time to play in: give a positive number, such as seconds=4")
-    return float(value)
-
-
-def _default_folder(subject: Subject) -> Path:
-    if subject.folder is not None:
-        return subject.folder / "export"
-    return Path("outputs") / "exports" / Path(subject.origin).name
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -82,15 +83,17 @@ def run_folder(file: Path) -> Path:
     return file.parent.parent if file.parent.name == "checkpoints" else file.parent
 
 
-def whole_number(name: str, value: Any, least: int) -> int:
-    """A setting that must be a whole number of at least ``least``.
+def output_folder(subjects: Sequence[Subject], work: str) -> Path:
+    """Where a command writes unless told otherwise: in the folder of a run that it looks at alone, else in ``outputs``.
 
-    Raises:
-        InputError: if it is not.
+    Args:
+        subjects: what it looks at.
+        work: what it writes, such as ``export``.
     """
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise InputError(f"{name}={value} cannot be: give a whole number of at least {least}")
-    return value
+    if len(subjects) == 1 and subjects[0].folder is not None:
+        return subjects[0].folder / work
+    name = Path(subjects[0].origin).name if len(subjects) == 1 else datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
+    return Path("outputs") / f"{work}s" / name
 
 
 def _listed(names: Names) -> list[str]:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate as hydra_instantiate
 from lightning.pytorch.loggers import Logger, WandbLogger
@@ -26,6 +25,7 @@ from nsm.files import whole_file
 from nsm.recovery import fit_with_recovery, require_same_run
 from nsm.runtime import keep_freed_memory
 from nsm.sampling import Fractions, MorphSampler
+from nsm.settings import use_threads
 from nsm.tasks import FieldData, FieldTask, MorphTask, as_shape, draw_pools, prepare_ends, starting_network
 
 log = logging.getLogger(__name__)
@@ -51,8 +51,7 @@ def main(cfg: DictConfig) -> None:
     if cfg.resume:
         require_same_run(_last(folder), config)
     keep_freed_memory()
-    if cfg.threads:
-        torch.set_num_threads(cfg.threads)
+    use_threads(config)
     L.seed_everything(cfg.seed, verbose=False)
     kinds[cfg.task.kind](cfg, config, folder)
 

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import Progress
@@ -19,7 +18,8 @@ from rich.progress import Progress
 from nsm import entry
 from nsm.errors import InputError
 from nsm.metrics import even_times
-from nsm.subjects import Subject, load_subjects, whole_number
+from nsm.settings import number, positive, switch, use_threads, whole_number
+from nsm.subjects import Subject, load_subjects
 from nsm.viewer import Settings, Viewer, record
 
 log = logging.getLogger(__name__)
@@ -37,16 +37,13 @@ def main(cfg: DictConfig) -> None:
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     settings = Settings(
         whole_number("resolution", config["resolution"], 8),
-        _switch("exact_volume", config["exact_volume"]),
-        _number("level", config["level"]),
+        switch("exact_volume", config["exact_volume"]),
+        number("level", config["level"]),
         str(config["colour"]),
     )
     times = even_times(whole_number("times", config["times"], 2)).tolist()
-    seconds = _number("seconds", config["seconds"])
-    if not seconds > 0:
-        raise InputError(f"seconds={seconds:g} plays nothing: give a positive number such as 6")
-    if config["threads"] is not None:
-        torch.set_num_threads(whole_number("threads", config["threads"], 1))
+    seconds = positive("seconds", config["seconds"])
+    use_threads(config)
     if config["record"] is not None:
         _record(_page_file(config["record"]), load_subjects(config, "nsm.view"), settings, times, seconds)
         return
@@ -59,7 +56,7 @@ def main(cfg: DictConfig) -> None:
         viewer = Viewer(subjects, settings, times, seconds, memory, str(config["host"]), port)
         try:
             log.info("%s shows %s; Ctrl-C ends it", viewer.url, ", ".join(subject.name for subject in subjects))
-            if _switch("open_browser", config["open_browser"]):
+            if switch("open_browser", config["open_browser"]):
                 _open(viewer.url)
             while not told.wait(_PATIENCE):
                 viewer.wait(0)
@@ -101,18 +98,6 @@ def _page_file(given: Any) -> Path:
     if file.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"record={given} is no page: give a name that ends in .html, such as record=morph.html")
     return file
-
-
-def _switch(name: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise InputError(f"{name}={value} is neither on nor off: give {name}=true or {name}=false")
-    return value
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputError(f"{name}={value} is no number: give one such as {name}=0.5")
-    return float(value)
 
 
 if __name__ == "__main__":

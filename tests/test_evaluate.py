@@ -11,7 +11,7 @@ from analytic import run_here, save, sentence, shrinking, unreadable
 
 from nsm import evaluate
 from nsm.metrics import Protocol, evaluate_morph
-from nsm.subjects import load_subjects
+from nsm.subjects import load_subjects, output_folder
 
 SMALL = ("volume_resolution=12", "surface_resolution=12", "times=3", "picture_size=24")
 
@@ -70,7 +70,7 @@ def test_several_morphs_share_a_table(tmp_path: Path, capfd: pytest.CaptureFixtu
 def test_several_morphs_go_into_a_folder_of_their_own(tmp_path: Path) -> None:
     files = [save(shrinking(2, rise), tmp_path / f"{rise}.ckpt") for rise in (0.1, 0.2)]
     subjects = load_subjects({"checkpoint": [str(f) for f in files], "official": None, "growth": None}, "nsm.evaluate")
-    assert evaluate._default_folder(subjects).parts[:2] == ("outputs", "evaluations")
+    assert output_folder(subjects, "evaluation").parts[:2] == ("outputs", "evaluations")
     assert len({subject.name for subject in subjects}) == 2
 
 
@@ -142,9 +142,9 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("official=kitten_fandisk", "times=2.5"), "times=2.5 cannot be: give"),
         (("official=kitten_fandisk", "volume_resolution=0"), "volume_resolution=0 cannot be"),
         (("official=kitten_fandisk", "threads=0"), "threads=0 cannot be"),
-        (("official=kitten_fandisk", "shell_width=0"), "shell_width=0 leaves no shell"),
-        (("official=kitten_fandisk", "shell_width=wide"), "shell_width=wide cannot be: give a number"),
-        (("official=kitten_fandisk", "slices.times=[soon]"), "slices.times=soon cannot be: give a number"),
+        (("official=kitten_fandisk", "shell_width=0"), "shell_width=0 cannot be: give a number above 0"),
+        (("official=kitten_fandisk", "shell_width=wide"), "shell_width=wide cannot be: give a number above 0"),
+        (("official=kitten_fandisk", "slices.times=[soon]"), "slices.times=['soon'] names no times"),
         (("chekpoint=a",), "chekpoint"),
     ],
 )

@@ -401,14 +401,14 @@ def test_a_turntable_by_command(run: Path) -> None:
         (["kind=strip", "fps=3"], "Could not override 'fps'"),
         (["colour=gold"], "colour=gold is not known: give one of clay, position, carried"),
         (["colour=carried"], "velocity"),
-        (["times=[0,2]"], "the time 2 is none of a morph"),
+        (["times=[0,2]"], "times=[0, 2] names no times"),
         (["times=none"], "times=none names no times"),
         (["size=3"], "size=3 cannot be"),
         (["zoom=much"], "zoom=much is no number"),
         (["kind=film", "size=12"], "size=12 is no list of numbers"),
         (["kind=film", "fps=fast"], "fps=fast cannot be"),
         (["kind=turntable"], "no other sides"),
-        (["kind=slices", "axis=w", "times=[3]"], "the time 3 is none of a morph"),
+        (["kind=slices", "axis=w", "times=[3]"], "times=[3] names no times"),
     ],
 )
 def test_what_cannot_be_drawn_is_said(

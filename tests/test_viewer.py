@@ -438,7 +438,7 @@ def test_a_machine_without_a_browser_is_told_and_served(tmp_path: Path, capsys: 
     ("resolution=2", "resolution=2 cannot be"),
     ("level=high", "level=high is no number"),
     ("exact_volume=3", "exact_volume=3 is neither on nor off"),
-    ("seconds=0", "seconds=0 plays nothing"),
+    ("seconds=0", "seconds=0 cannot be: give a number above 0"),
     ("memory=0", "memory=0 cannot be"),
     ("port=70000", "port=70000 cannot be"),
     ("colour=red", "colour=red is not known"),

@@ -12,7 +12,7 @@ from nsm.configuration import CONF
 from nsm.errors import InputError
 from nsm.metrics import Protocol
 from nsm.official import PAIRS
-from nsm.subjects import whole_number
+from nsm.settings import whole_number
 
 #: What the name of a pair or of a method may be made of, since folders and files are called after it.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
