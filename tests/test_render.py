@@ -29,7 +29,7 @@ from nsm.writers import Look, Pace, opengl, render_film, render_strip, render_tu
 from nsm.writers.camera import place_camera
 from nsm.writers.colours import carried_colours
 from nsm.writers.light import Room
-from nsm.writers.look import camera_for, carried
+from nsm.writers.look import camera_for, carried, facing
 
 COARSE = Look(resolution=32)
 SMALL = {"size": (128, 96), "look": COARSE}
@@ -47,6 +47,17 @@ def coloured(pixels: np.ndarray) -> np.ndarray:
 def middle(mask: np.ndarray) -> np.ndarray:
     """Row and column of the middle of what is marked."""
     return np.argwhere(mask).mean(0)
+
+
+def test_a_normal_that_faces_inwards_is_that_of_its_triangles() -> None:
+    mesh = extract_surface(lambda x: Ball(3).jet(x).value, torch.tensor([[-1.0] * 3, [1.0] * 3]), 16)
+    normals = mesh.vertices / mesh.vertices.norm(dim=1, keepdim=True)
+    torn = normals.clone()
+    torn[::7] *= -1
+    torn[1::7] = 0
+    mended = facing(torn, mesh)
+    assert (mended * normals).sum(1).min() > 0.98
+    assert torch.equal(facing(normals, mesh), normals)
 
 
 class Sliding(LinearMotion):

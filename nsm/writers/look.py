@@ -15,7 +15,8 @@ from torch import Tensor
 from nsm.frames import Levels, zero_level
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.refinement import refine_bends
-from nsm.types import Morph
+from nsm.geometry.topology import vertex_normals
+from nsm.types import Morph, SimplexMesh
 from nsm.writers.camera import Camera, place_camera
 from nsm.writers.colours import carried_colours
 from nsm.writers.studio import Surface
@@ -27,6 +28,8 @@ Colours = Callable[[Morph, Tensor, float], Tensor]
 _CLAY = (0.640, 0.740, 0.890)
 #: Points that are carried for their colours, and neighbours among them that colour any other.
 _CARRIED, _NEIGHBOURS = 6000, 4
+#: Least cosine between the normal of f at a vertex and that of the triangles there.
+_FACING = 0.3
 #: Times and cells along the box for the surfaces that settle the camera.
 _CAMERA_TIMES, _CAMERA_RESOLUTION = 9, 48
 
@@ -90,8 +93,19 @@ def surface(morph: Morph, time: float, level: float, look: Look) -> Surface:
     field, gradient = partial(morph, t=time), partial(morph.gradient, t=time)
     mesh = extract_surface(field, morph.bounds, look.resolution, level)
     mesh, normals = refine_bends(mesh, field, gradient, level)
+    normals = facing(normals, mesh)
     colours = look.colours(morph, mesh.vertices, time)
     return Surface(_array(mesh.vertices), mesh.simplices.cpu().numpy(), _array(normals), _array(colours))
+
+
+def facing(normals: Float[Tensor, "v 3"], mesh: SimplexMesh) -> Float[Tensor, "v 3"]:
+    """Normals that face the way of the triangles around: theirs where ∇f does not, as in a rip of a bad f.
+
+    Light falls on a surface by its normals: without this, such vertices would be black.
+    """
+    own = vertex_normals(mesh)
+    along = (normals * own).sum(1, keepdim=True)
+    return torch.where(along > _FACING, normals, own)
 
 
 @torch.no_grad()
