@@ -37,7 +37,8 @@ bench: $(STAMP) ## measure the speed of a training step and what else tools/benc
 	@set -e; for tool in tools/bench_*.py; do echo "== $$tool"; $(VENV)/bin/python $$tool; done
 
 $(GLTF): tests/gltf/package-lock.json
-	@if command -v npm >/dev/null; then npm ci --silent --no-fund --ignore-scripts --prefix tests/gltf; fi
+	@if command -v npm >/dev/null; then npm ci --silent --no-fund --ignore-scripts --prefix tests/gltf \
+		|| echo "npm could not install the validator of glTF files" >&2; fi
 
 $(STAMP): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "nsm needs Python 3.11 or newer and found none: make PYTHON=/path/to/python3.11" >&2; exit 1; }
