@@ -143,7 +143,7 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
         draw_pools(ends.target, sampler["pool"], cfg.seed + 1),
     )
     box = sampler["box"](dim=dim)
-    interior = sampler["fractions"].counts(sampler["size"])[2]
+    _, ambient, interior = sampler["fractions"].counts(sampler["size"])
     data = FieldData(
         MorphSampler(*pools, box, sampler["time"], sampler["size"], sampler["fractions"]),
         MorphSampler(*pools, box, sampler["time"], VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
@@ -152,6 +152,7 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
     task = MorphTask(
         morph,
         sampler["near"](dim=dim, interior=interior),
+        sampler["ends"](dim=dim, ambient=ambient),
         box,
         instantiate(cfg.loss),
         instantiate(cfg.optimizer),

@@ -16,6 +16,7 @@ from nsm.configuration import CONF
 
 #: Networks, batches and grids so small that a run takes a second. The shapes come out rough.
 TINY = (
+    "init=source",  # f of random weights must first learn to have a surface
     "network.field.hidden_features=16",
     "network.field.hidden_layers=2",
     "network.field.omega=8",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
 import torch
 
 from nsm.errors import InputError
-from nsm.sampling import Batch, Box, Fractions, MorphSampler, MovingSurface, Pools, SdfSampler, UniformTime
+from nsm.sampling import Batch, Box, EndSurfaces, Fractions, MorphSampler, MovingSurface, Pools, SdfSampler, UniformTime
 from nsm.tasks.data import FieldData, _generator, _Stream
 from nsm.types import DistanceSamples, Jet, SurfaceSamples
 
@@ -156,18 +157,34 @@ def disk_jet(p: torch.Tensor) -> Jet:
     return Jet(x.norm(dim=1) - 0.5, torch.cat([x / x.norm(dim=1, keepdim=True), 0 * p[:, 2:]], 1))
 
 
+def two_disks_jet(p: torch.Tensor) -> Jet:
+    """The same, and at a distance a small disk that stands still."""
+    large, x = disk_jet(p), p[:, :2] - torch.tensor([-1.1, -1.1])
+    small = Jet(x.norm(dim=1) - 0.2, torch.cat([x / x.norm(dim=1, keepdim=True), 0 * p[:, 2:]], 1))
+    nearer = small.value < large.value
+    return Jet(
+        torch.where(nearer, small.value, large.value), torch.where(nearer[:, None], small.gradient, large.gradient)
+    )
+
+
+def after_steps(near: MovingSurface, count: int, jet: Callable[[torch.Tensor], Jet], first: int = 0) -> Batch:
+    """The last batch of some steps in which the surface is followed."""
+    sampler = morph_sampler(400)
+    for step in range(first, first + count):
+        batch = near.place(sampler.draw(_generator(0, 0, step)), 1.5)
+        near.follow(batch, jet(batch.points[batch.interior]))
+    return batch
+
+
 def test_the_first_batch_is_as_it_was_drawn() -> None:
     batch = morph_sampler(400).draw(seeded())
     assert moving().place(batch, 1.5).points is batch.points
 
 
 def test_interior_points_follow_the_surface_and_stay_near_it() -> None:
-    near, sampler, generator = moving(), morph_sampler(400), seeded()
-    for _ in range(5):
-        drawn = sampler.draw(generator)
-        batch = near.place(drawn, 1.5)
-        interior = batch.points[batch.interior]
-        near.follow(interior, disk_jet(interior))
+    near = moving()
+    batch = after_steps(near, 5, disk_jet)
+    drawn = morph_sampler(400).draw(_generator(0, 0, 4))
     changed = (batch.points != drawn.points).any(1)
     assert changed[batch.interior].sum() == 60
     assert not changed[: batch.ambient.stop].any()
@@ -177,23 +194,85 @@ def test_interior_points_follow_the_surface_and_stay_near_it() -> None:
     torch.testing.assert_close(disk_jet(near.points).value, torch.zeros(60), atol=1e-6, rtol=0)
 
 
+def test_points_near_the_surface_have_fresh_times() -> None:
+    near = moving()
+    after_steps(near, 20, disk_jet)
+    before = near.points[:, -1].clone()
+    assert len(before.unique()) == 60
+    after_steps(near, 20, disk_jet, first=20)
+    assert not torch.isin(near.points[:, -1], before).any()
+
+
+def test_a_piece_that_is_born_elsewhere_is_found() -> None:
+    near = moving()
+    after_steps(near, 20, disk_jet)
+    assert (near.points[:, :2] > -0.7).all()
+    after_steps(near, 40, two_disks_jet, first=20)
+    assert (near.points[:, :2] < -0.7).all(1).any()
+
+
 def test_where_no_surface_is_in_reach_the_last_one_stays() -> None:
     near = moving()
-    p = torch.rand(200, 3)
-    near.follow(p, disk_jet(p))
+    after_steps(near, 5, disk_jet)
     before = near.points.clone()
-    near.follow(p, Jet(torch.ones(200), torch.ones(200, 3)))
+    after_steps(near, 5, lambda p: Jet(torch.ones(len(p)), torch.ones(len(p), 3)))
     assert torch.equal(near.points, before)
 
 
 def test_without_a_fraction_nothing_moves() -> None:
-    near, p = moving(0.0), torch.rand(200, 3)
-    near.follow(p, disk_jet(p))
-    batch = morph_sampler(400).draw(seeded())
-    assert near.place(batch, 1.5).points is batch.points
+    near = moving(0.0)
+    batch = after_steps(near, 5, disk_jet)
+    assert torch.equal(batch.points, morph_sampler(400).draw(_generator(0, 0, 4)).points)
 
 
 @pytest.mark.parametrize("fraction", [-0.1, 1.1, float("nan")])
 def test_a_fraction_that_is_none_is_refused(fraction: float) -> None:
-    with pytest.raises(InputError, match=r"sampler.near.fraction=.* is no part of the interior points: give 0 to 1"):
+    with pytest.raises(InputError, match=r"`sampler.near.fraction` must be .* got .* Try"):
         moving(fraction)
+    with pytest.raises(InputError, match=r"`sampler.ends.own` must be .* got .* Try"):
+        EndSurfaces(2, 100, fraction, 0.25, 0.05, 0.1)
+
+
+def with_leftover(count: int) -> tuple[EndSurfaces, Batch, torch.Tensor]:
+    """f holds a second disk at both ends, far from the shape: the last of some batches, and which points it placed."""
+    ends, near = EndSurfaces(2, ambient=200, own=0.5, visitors=0.2, width=0.05, reach=0.25), moving()
+    sampler = MorphSampler(*disk_pools(), Box(2, 1.5), UniformTime(), 400, Fractions(0.25, 0.5))
+    for step in range(count):
+        drawn = near.place(sampler.draw(_generator(0, 0, step)), 1.5)
+        batch = ends.place(drawn, near, 1.5, disk_at_start, disk_at_end)
+        near.follow(batch, two_disks_jet(batch.points[batch.interior]))
+        ends.follow(batch, two_disks_jet(batch.points))
+    return ends, batch, (batch.points != drawn.points).any(1).nonzero()[:, 0]
+
+
+def test_ambient_points_on_the_surface_of_f_carry_their_distance_to_the_shape() -> None:
+    ends, batch, changed = with_leftover(10)
+    assert torch.equal(changed, (batch.ambient.start + ends.chosen).sort().values)
+    x, when = batch.points[: batch.ambient.stop, :2], batch.points[: batch.ambient.stop, -1]
+    assert torch.equal(when, when.round())
+    expected = torch.where(when < 0.5, disk_at_start(x), disk_at_end(x))[batch.ambient]
+    torch.testing.assert_close(batch.distances[batch.ambient], expected)
+    torch.testing.assert_close(two_disks_jet(ends.points).value, torch.zeros(100), atol=1e-5, rtol=0)
+
+
+def test_half_of_the_points_on_the_surface_of_f_keep_to_what_is_left_over() -> None:
+    ends, batch, _ = with_leftover(10)
+    left_over = batch.distances[batch.ambient][ends.chosen[:100]] > 0.3
+    assert 0.45 < left_over.float().mean() < 0.8
+    assert set(ends.points[:, -1].tolist()) == {0.0, 1.0}
+
+
+def disk_at_start(x: torch.Tensor) -> torch.Tensor:
+    return disk_jet(torch.cat([x, torch.zeros(len(x), 1)], 1)).value
+
+
+def disk_at_end(x: torch.Tensor) -> torch.Tensor:
+    return disk_jet(torch.cat([x, torch.ones(len(x), 1)], 1)).value
+
+
+def disk_pools() -> tuple[Pools, Pools]:
+    points = 3 * torch.rand(2000, 2, generator=seeded()) - 1.5
+    return tuple(  # type: ignore[return-value]
+        Pools(SurfaceSamples(points, points), DistanceSamples(points, shape(points)))
+        for shape in (disk_at_start, disk_at_end)
+    )

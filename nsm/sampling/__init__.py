@@ -2,7 +2,7 @@
 
 from nsm.sampling.batch import Batch, Fractions, MorphSampler, SdfSampler
 from nsm.sampling.domain import Box, UniformTime
-from nsm.sampling.moving import MovingSurface
+from nsm.sampling.moving import EndSurfaces, MovingSurface
 from nsm.sampling.pools import Pools
 
-__all__ = ["Batch", "Box", "Fractions", "MorphSampler", "MovingSurface", "Pools", "SdfSampler", "UniformTime"]
+__all__ = ["Batch", "Box", "EndSurfaces", "Fractions", "MorphSampler", "MovingSurface", "Pools", "SdfSampler", "UniformTime"]

@@ -14,7 +14,7 @@ from nsm.geometry.volume import volume
 from nsm.losses import Evaluation, WeightedSum
 from nsm.metrics import VolumeCurve, even_times, volume_curve
 from nsm.morph import NeuralMorph
-from nsm.sampling import Batch, Box, MovingSurface
+from nsm.sampling import Batch, Box, EndSurfaces, MovingSurface
 from nsm.shapes import LandmarkPairs
 from nsm.tasks.base import Collapse, FieldTask
 
@@ -36,6 +36,7 @@ class MorphTask(FieldTask):
     Args:
         morph: the networks and the end shapes.
         near: draws interior points around the moving surface.
+        ends: puts ambient points on f's own surface at both ends.
         box: where the others are drawn.
         loss: the terms.
         optimizer, scheduler: see `FieldTask`.
@@ -48,6 +49,7 @@ class MorphTask(FieldTask):
         self,
         morph: NeuralMorph,
         near: MovingSurface,
+        ends: EndSurfaces,
         box: Box,
         loss: WeightedSum,
         optimizer: Callable[..., Optimizer],
@@ -57,7 +59,7 @@ class MorphTask(FieldTask):
         landmarks: LandmarkPairs | None = None,
     ) -> None:
         super().__init__(loss, optimizer, scheduler)
-        self.morph, self.near, self.box = morph, near, box
+        self.morph, self.near, self.ends, self.box = morph, near, ends, box
         self.volume_resolution, self.volume_times = volume_resolution, volume_times
         self.landmarks = landmarks
         #: Whether there has been a surface at both ends, which must then stay: f of random weights has none at first.
@@ -69,14 +71,18 @@ class MorphTask(FieldTask):
 
     def evaluation(self, batch: Batch) -> Evaluation:
         """f and V at the points of a batch."""
-        placed = self.near.place(batch, self.box.half_width)
+        morph = self.morph
+        near = self.near.place(batch, self.box.half_width)
+        shapes = morph.source.true_distance, morph.target.true_distance
+        placed = self.ends.place(near, self.near, self.box.half_width, *shapes)
         known = self.landmarks and LandmarkPairs(*(points.to(placed.points) for points in self.landmarks))
         progress = self.global_step / self.trainer.max_steps
-        return Evaluation(placed, self.morph.field, self.morph.velocity_field, known, progress)
+        return Evaluation(placed, morph.field, morph.velocity_field, known, progress)
 
     def learn_from(self, evaluation: Evaluation) -> None:
         """Follow the surface."""
-        self.near.follow(evaluation.batch.points[evaluation.batch.interior], evaluation.interior)
+        self.near.follow(evaluation.batch, evaluation.interior)
+        self.ends.follow(evaluation.batch, evaluation.f)
 
     @torch.no_grad()
     def on_train_start(self) -> None:
