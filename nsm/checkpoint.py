@@ -27,7 +27,7 @@ from torch import nn
 
 import nsm
 from nsm.errors import InputError
-from nsm.shapes import Similarity, SirenFile, SirenShape
+from nsm.shapes import MeshFile, Similarity, SirenFile, SirenShape
 from nsm.shapes.primitive import Pose
 from nsm.types import Morph
 
@@ -161,7 +161,7 @@ def _module_class(target: Any) -> type[nn.Module]:
         except ImportError:
             found = None
     ours = inspect.isclass(found) and issubclass(found, nn.Module) and found.__module__.startswith("nsm.")
-    if not ours or issubclass(found, SirenFile):  # which would read, or download, another file
+    if not ours or issubclass(found, (MeshFile, SirenFile)):  # which would read, or download, another file
         raise InputError(
             f"a checkpoint names {target!r}, which is no network, field or shape of nsm: do not trust this file"
         )

@@ -26,7 +26,7 @@ from nsm.recovery import fit_with_recovery, require_same_run
 from nsm.runtime import keep_freed_memory
 from nsm.sampling import Fractions, MorphSampler
 from nsm.settings import use_threads
-from nsm.tasks import FieldData, FieldTask, MorphTask, as_shape, draw_pools, prepare_ends, starting_network
+from nsm.tasks import FieldData, FieldTask, MorphTask, draw_pools, prepare_ends, starting_network
 
 log = logging.getLogger(__name__)
 
@@ -168,7 +168,7 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
 def _prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
     shape, fit = instantiate(cfg.source), _fit(cfg, config)
     task, data = fit.prepare(shape)
-    task.description = describe(as_shape(task, shape).config(), config, {"source": shape.provenance()})
+    task.description = describe(fit.as_shape(task, shape).config(), config, {"source": shape.provenance()})
     return task, data, fit.steps
 
 

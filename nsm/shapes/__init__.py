@@ -1,14 +1,15 @@
-"""Shapes: what a morph goes from and to."""
+"""Shapes: the ends of a morph."""
 
 from nsm.shapes.base import FieldShape, Shape, working_box
 from nsm.shapes.download import fetch, resolve
 from nsm.shapes.landmarks import LandmarkPairs, Landmarks, LandmarkTable, LandmarkVertices
-from nsm.shapes.mesh import MeshFile
-from nsm.shapes.normalize import EqualVolume, equal_volume
+from nsm.shapes.mesh import MeshFile, MeshShape
+from nsm.shapes.normalize import EqualVolume, PlacedPair, equal_volume, place_together
 from nsm.shapes.points import PointCloud
 from nsm.shapes.primitive import Ball, Box, Capsule, Cylinder, Polygon, Primitive, Torus, Union
 from nsm.shapes.similarity import Similarity
-from nsm.shapes.siren_file import SirenFile, SirenShape
+from nsm.shapes.siren import SirenShape
+from nsm.shapes.siren_file import SirenFile
 
 __all__ = [
     "Ball",
@@ -22,6 +23,8 @@ __all__ = [
     "LandmarkVertices",
     "Landmarks",
     "MeshFile",
+    "MeshShape",
+    "PlacedPair",
     "PointCloud",
     "Polygon",
     "Primitive",
@@ -33,6 +36,7 @@ __all__ = [
     "Union",
     "equal_volume",
     "fetch",
+    "place_together",
     "resolve",
     "working_box",
 ]

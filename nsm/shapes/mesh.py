@@ -1,294 +1,205 @@
-"""Shapes from triangle meshes, closed or not."""
+"""Shapes that are triangle meshes."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import logging
-from functools import cached_property
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
 
-import igl
-import numpy as np
 import torch
-import trimesh
 from jaxtyping import Float
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from torch import Tensor
+from torch import Tensor, nn
 
-from nsm.errors import InputError
+from nsm.geometry.triangles import Triangles
 from nsm.geometry.volume import volume
-from nsm.shapes.base import Shape, working_box
+from nsm.shapes.base import VOLUME_RESOLUTION, FieldShape
 from nsm.shapes.download import file_sha256, resolve
+from nsm.shapes.mesh_reading import openness, read_mesh, signed_volume, turned_outwards, welded
+from nsm.shapes.placing import FilePlacement, centered
 from nsm.shapes.primitive import Pose
-from nsm.shapes.sampling import ambient_points, sample_mesh_surface, simplex_normals
+from nsm.shapes.sampling import sample_mesh_surface, simplex_normals
 from nsm.shapes.similarity import Similarity
-from nsm.types import DistanceSamples, SimplexMesh, SurfaceSamples
+from nsm.types import Jet, SimplexMesh, SurfaceSamples
 
 log = logging.getLogger(__name__)
 
-#: Endings of files that can be read.
-FORMATS = (".obj", ".ply", ".stl", ".off", ".glb")
-#: Vertices closer than this part of the diagonal are one: those that a format splits at UV seams or normals.
-WELD = 1e-7
-#: Parts of the vertices of an obj file that belong to no face from which it passes for cut short: if its last line
-#: has no end, and in any case. (Scans may hold loose vertices: stanford-bunny.obj has 3 %.)
-UNUSED_VERTICES = (0.0, 0.2)
-#: An inside must fill at least this part of the bounding box.
-LEAST_FILL = 1e-6
-#: Mean winding number just beneath the surface: 1 for a closed mesh, 1/2 for a flat sheet, between them for a bowl.
-LEAST_WINDING = 0.6
-#: Cells along the longest side for the volume of an open mesh.
-OPEN_VOLUME_RESOLUTION = 96
+#: Nearer to a triangle than this part of the size of the mesh, the gradient is the normal of the triangle: the
+#: direction from the closest point is lost in the rounding of the point.
+_ON_TRIANGLE = 1e-5
+#: Margin around the mesh in which its volume is measured on a grid, in parts of its size.
+_MARGIN = 0.05
 
 
-class Openness(NamedTuple):
-    """How far a mesh is from closed."""
-
-    #: Edges with one triangle, and the loops that they form.
-    edges: int
-    loops: int
-    #: |Σ area·normal| / Σ area, which is 0 for a closed surface and 1 for a flat sheet.
-    gap: float
-
-
-class FileShape(Shape):
-    """A shape read from a file, fitted into the box and posed: what meshes and point clouds share.
-
-    Args:
-        path: a local file, or a public name.
-        fit: half of the longest side of the shape's bounding box after it was centred there and scaled;
-            None keeps the coordinates of the file (for two scans in one common frame inside the box).
-        pose: rotation, translation and scale given to the shape after that.
-    """
-
-    dim = 3
-
-    def __init__(self, path: str, fit: float | None, pose: Pose) -> None:
-        if fit is not None and not 0 < float(fit) <= 1:
-            raise InputError(f"fit is {fit}: give a number in (0, 1], or null to keep the coordinates of the file.")
-        self.path = str(path)
-        self.file = resolve(path)
-        self.fit = None if fit is None else float(fit)
-        self.pose = Similarity.read(pose, self.dim)
-
-    def fitting(self, vertices: Float[Tensor, "v d"]) -> Similarity:
-        """The similarity from the coordinates of the file, where the shape has these vertices, to the box."""
-        if self.fit is None:
-            return self.pose
-        low, high = vertices.amin(0), vertices.amax(0)
-        scale = 2 * self.fit / float((high - low).max())
-        centred = Similarity(torch.eye(self.dim, dtype=torch.float64), -scale * (low + high) / 2, scale)
-        return self.pose.after(centred)
-
-    def content_key(self) -> str:
-        """SHA-256 of the content of the file, the fit and the pose: equal for equal shapes."""
-        settings = {"kind": type(self).__name__, "fit": self.fit, "pose": self.pose.to_config()}
-        return hashlib.sha256((self._sha256 + json.dumps(settings, sort_keys=True)).encode()).hexdigest()
-
-    @cached_property
-    def _sha256(self) -> str:
-        return file_sha256(self.file)
-
-    def _provenance(self, kind: str, similarity: Similarity) -> dict[str, Any]:
-        return {"kind": kind, "path": self.path, "sha256": self._sha256, "similarity": similarity.to_config()}
-
-
-class MeshFile(FileShape):
-    """A triangle mesh, with distances to its triangles and signs from its winding number.
+class MeshShape(FieldShape):
+    """The signed distance to triangles: exact, and negative where their winding number is above 1/2.
 
     The winding number (Jacobson et al., SIGGRAPH 2013; fast: Barill et al., SIGGRAPH 2018) is 1 inside and 0
-    outside a closed mesh and varies smoothly across holes, so that a mesh with holes has an inside too: where it
-    is above ½. Vertices that the file splits at texture seams are welded, and a mesh inside out is turned.
+    outside a closed mesh and varies smoothly across holes, so that a mesh with holes has an inside too.
+
+    Args:
+        vertices: how many there are; they are part of the state, in double precision and relative to the center of the
+            mesh, so that a small mesh far from its origin loses nothing.
+        faces: how many triangles there are; they are part of the state.
+        closed: whether the divergence theorem gives the volume, which is else measured on a grid.
+        pose: from the coordinates of the file to the box.
+        placement: from coordinates relative to the center of the mesh to the box.
+        origin: where the mesh comes from (part of the provenance).
+    """
+
+    vertices: Tensor
+    faces: Tensor
+
+    def __init__(
+        self,
+        vertices: int,
+        faces: int,
+        closed: bool,
+        pose: Pose = None,
+        placement: Pose = None,
+        origin: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(3, Similarity.read(pose, 3), Similarity.read(placement, 3))
+        self.closed, self.origin = closed, dict(origin or {"kind": "mesh"})
+        self.register_buffer("vertices", torch.zeros(vertices, 3, dtype=torch.float64))
+        self.register_buffer("faces", torch.zeros(faces, 3, dtype=torch.int64))
+        self._triangles: Triangles | None = None
+
+    def own_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
+        """Signed distance, differentiable once."""
+        return _Distance.apply(p, partial(self._signed, with_gradient=p.requires_grad))
+
+    def own_jet(self, p: Float[Tensor, "n d"]) -> Jet:
+        """Signed distance and its gradient (p − c)/d with c the closest point, on a triangle its normal."""
+        distance, gradient = self._signed(p.detach(), with_gradient=True)
+        return Jet(distance, gradient)
+
+    def own_surface(self) -> SimplexMesh:
+        """The mesh itself."""
+        return SimplexMesh(self.vertices, self.faces)
+
+    def surface(self) -> SimplexMesh:
+        """The mesh in the box, in the default precision."""
+        vertices = self.placement.apply(self.vertices.double()).to(torch.get_default_dtype())
+        return SimplexMesh(vertices, self.faces)
+
+    def own_box(self) -> Float[Tensor, "2 d"]:
+        """The bounding box with a margin."""
+        low, high = self.vertices.amin(0), self.vertices.amax(0)
+        margin = _MARGIN * (high - low).max()
+        return torch.stack([low - margin, high + margin])
+
+    def volume(self) -> float:
+        """Volume of the inside: by the divergence theorem if the mesh is closed, else from a grid."""
+        if self.closed:
+            own = signed_volume(self.vertices.cpu().numpy(), self.faces.cpu().numpy())
+        else:
+            own = volume(self._own_field, self.own_box(), VOLUME_RESOLUTION[3])
+        return self.placement.scale**3 * own
+
+    def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
+        """Points drawn by area on the triangles, and the normals of the triangles."""
+        mesh = self.surface()
+        points, chosen = sample_mesh_surface(mesh, count, generator)
+        return SurfaceSamples(points, simplex_normals(mesh.vertices[mesh.simplices[chosen]]))
+
+    def config(self) -> dict[str, Any]:
+        """Sizes, placement and origin; the triangles are the state."""
+        return {
+            "_target_": "nsm.shapes.MeshShape",
+            "vertices": len(self.vertices),
+            "faces": len(self.faces),
+            "closed": self.closed,
+            "pose": self.similarity.to_config(),
+            "placement": self.placement.to_config(),
+            "origin": self.origin,
+        }
+
+    def content_key(self) -> str:
+        """SHA-256 of the triangles and their place in the box, from whatever file."""
+        digest = hashlib.sha256(json.dumps([self.closed, self.placement.to_config()]).encode())
+        for value in self.state_dict().values():
+            digest.update(value.cpu().numpy().tobytes())
+        return digest.hexdigest()
+
+    def provenance(self) -> dict[str, Any]:
+        """File, hash and the similarity from its coordinates to the box."""
+        return {**self.origin, "similarity": self.similarity.to_config()}
+
+    def _signed(self, p: Float[Tensor, "n d"], with_gradient: bool) -> tuple[Tensor, Tensor]:
+        """Signed distances (n,), and gradients (n, d) if they are wanted, else none (0, d)."""
+        x = p.double()
+        closest = self._search().closest(x)
+        outside = self._search().winding_number(x) <= 0.5
+        distance = torch.where(outside, closest.distances, -closest.distances)
+        if not with_gradient:
+            return distance.to(p), p.new_zeros(0, 3)
+        normals = simplex_normals(self.vertices.to(x)[self.faces[closest.simplices]])
+        size = float((self.vertices.amax(0) - self.vertices.amin(0)).max())
+        away = nn.functional.normalize(x - closest.points, dim=1) * distance.sign()[:, None]
+        on = closest.distances < _ON_TRIANGLE * size
+        return distance.to(p), torch.where(on[:, None], normals, away).to(p)
+
+    def _search(self) -> Triangles:
+        if self._triangles is None:
+            self._triangles = Triangles(self.vertices.double().cpu().numpy(), self.faces.cpu().numpy())
+        return self._triangles
+
+    def _load_from_state_dict(self, *args: Any) -> None:
+        super()._load_from_state_dict(*args)
+        self._triangles = None
+
+
+class MeshFile(MeshShape):
+    """A triangle mesh from a file.
+
+    Vertices that the file splits at texture seams are welded, and a mesh inside out is turned.
 
     Args:
         path: an obj, ply, stl, off or glb file, or a public name such as ``meshes/spot.obj``.
         fit: half of the longest side after fitting; None keeps the coordinates of the file.
         pose: rotation, translation and scale given to the mesh after that.
+        up: the direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
 
     Raises:
-        InputError: if the file holds no mesh with an inside, or the posed mesh leaves the box.
+        InputError: if the file holds no mesh with an inside.
     """
 
-    def __init__(self, path: str, fit: float | None = 0.8, pose: Pose = None) -> None:
-        super().__init__(path, fit, pose)
-        raw, self._faces = turned_outwards(*welded(read_mesh(self.file), self.path), self.path)
-        self._similarity = self.fitting(torch.from_numpy(raw))
-        vertices = self._similarity.apply(torch.from_numpy(raw))
-        self._vertices = np.ascontiguousarray(vertices.numpy())
-        self.mesh = SimplexMesh(vertices.to(torch.get_default_dtype()), torch.from_numpy(self._faces))
-        self.openness = openness(self._vertices, self._faces)
-        if self.openness.edges:
+    def __init__(
+        self, path: str, fit: float | None = 0.8, pose: Pose = None, up: Sequence[float] | None = None
+    ) -> None:
+        place, file = FilePlacement(fit, pose, up), resolve(path)
+        raw, faces = welded(read_mesh(file), str(path))
+        vertices, center = centered(torch.from_numpy(raw))
+        faces = turned_outwards(vertices.numpy(), faces, str(path))
+        state = openness(vertices.numpy(), faces)
+        if state.edges:
             log.warning(
                 "%s is open: %d boundary edges in %d loops, and its oriented area does not close by %.2g %%; "
                 "its inside is where the winding number is above 1/2",
-                *(self.path, self.openness.edges, self.openness.loops, 100 * self.openness.gap),
+                *(path, state.edges, state.loops, 100 * state.gap),
             )
-        self.require_in_box()
-
-    def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
-        """Points drawn by area on the triangles, and the normals of the triangles."""
-        points, chosen = sample_mesh_surface(self.mesh, count, generator)
-        return SurfaceSamples(points, simplex_normals(self.mesh.vertices[self.mesh.simplices[chosen]]))
-
-    def distance_samples(
-        self, count: int, generator: torch.Generator, bounds: Float[Tensor, "2 d"] | None = None
-    ) -> DistanceSamples:
-        """Points with exact distances to the triangles, signed by the winding number."""
-        surface, _ = sample_mesh_surface(self.mesh, max(count // 2, 1), generator)
-        points = ambient_points(surface, count, generator, working_box(3) if bounds is None else bounds)
-        return DistanceSamples(points, self.signed_distance(points))
-
-    def signed_distance(self, x: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Signed distance (n,) at x (n, 3) in the box."""
-        kind = igl.SignedDistanceType.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
-        queries = x.detach().cpu().double().numpy()
-        distance = igl.signed_distance(queries, self._vertices, self._faces, sign_type=kind)[0]
-        return torch.from_numpy(distance).to(x)
-
-    def bounds(self) -> Float[Tensor, "2 d"]:
-        """Corners of the box around the vertices."""
-        return torch.stack([self.mesh.vertices.amin(0), self.mesh.vertices.amax(0)])
-
-    def volume(self) -> float:
-        """Volume of the inside: exact for a closed mesh, from a grid for an open one."""
-        if not self.openness.edges:
-            return signed_volume(self._vertices, self._faces)
-        low, high = self.bounds()
-        margin = 0.05 * (high - low).max()
-        return volume(self.signed_distance, torch.stack([low - margin, high + margin]), OPEN_VOLUME_RESOLUTION)
-
-    def provenance(self) -> dict[str, Any]:
-        """File, hash and the similarity from its coordinates to the box."""
-        return self._provenance("mesh", self._similarity)
+        placement = place.of_centered(vertices, center)
+        origin = {"kind": "mesh", "path": str(path), "sha256": file_sha256(file)}
+        pose = placement.after(Similarity.shift(-center))
+        super().__init__(len(vertices), len(faces), not state.edges, pose, placement, origin)
+        self.openness = state
+        self.vertices.copy_(vertices)
+        self.faces.copy_(torch.from_numpy(faces))
 
 
-def read_mesh(file: Path) -> trimesh.Trimesh:
-    """All triangles of a file as one mesh.
+class _Distance(torch.autograd.Function):
+    """Signed distances whose gradient was found along with them."""
 
-    Raises:
-        InputError: if the ending is unknown, or the content is no mesh.
-    """
-    if file.suffix.lower() not in FORMATS:
-        raise InputError(f"{file} ends in '{file.suffix}': give a mesh file that ends in {', '.join(FORMATS)}.")
-    if file.stat().st_size == 0:
-        raise InputError(f"{file} is empty: give a mesh file with triangles in it.")
-    try:
-        mesh = trimesh.load(file, force="mesh", process=False)
-    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
-        raise InputError(
-            f"{file} cannot be read as a mesh ({type(error).__name__}: {str(error)[:80]}): it may be cut short or of "
-            "another format, so export it again."
-        ) from error
-    if file.suffix.lower() == ".obj":
-        _require_all_faces(file)
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or len(mesh.vertices) == 0:
-        raise InputError(
-            f"{file} holds no triangles: give a mesh with faces (for points with normals use shape=points)."
-        )
-    return mesh
+    @staticmethod
+    def forward(ctx: Any, p: Tensor, signed: Any) -> Tensor:
+        distance, gradient = signed(p)
+        ctx.save_for_backward(gradient)
+        return distance
 
-
-def _require_all_faces(file: Path) -> None:
-    """Raise an `InputError` for an obj file that was cut: most vertices come before the faces that name them."""
-    vertices, named, line = 0, set[int](), b"\n"
-    with file.open("rb") as lines:
-        for line in lines:
-            if line.startswith(b"v "):
-                vertices += 1
-            elif line.startswith(b"f "):
-                indices = [int(corner.split(b"/")[0] or 0) for corner in line.split()[1:]]
-                named.update(i if i > 0 else vertices + 1 + i for i in indices)
-    ended = line.endswith(b"\n")
-    if vertices - len(named) > UNUSED_VERTICES[ended] * vertices:
-        raise InputError(
-            f"The faces of {file} use {len(named)} of its {vertices} vertices, so it was cut short: export it again."
-        )
-
-
-def welded(mesh: trimesh.Trimesh, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) and triangles (m, 3), with coinciding vertices merged and triangles that collapse dropped.
-
-    Raises:
-        InputError: for coordinates that are not finite, indices without a vertex, or a mesh of one point.
-    """
-    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"{name} names vertices that it does not hold: it is cut short, so export it again.")
-    vertices, faces = _compact(vertices, faces)
-    if bad := int((~np.isfinite(vertices)).any(1).sum()):
-        raise InputError(f"{name} has {bad} vertices that are not finite numbers: repair or export the mesh again.")
-    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    if diagonal == 0:
-        raise InputError(f"All vertices of {name} are one point, so it has no volume: give a mesh with an inside.")
-    cells = np.round((vertices - vertices.min(0)) / (WELD * diagonal)).astype(np.int64)
-    _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    faces = inverse.reshape(-1)[faces]
-    proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    if not proper.any():
-        raise InputError(f"All triangles of {name} have collapsed, so it has no volume: give a mesh with an inside.")
-    return _compact(vertices[first], faces[proper])
-
-
-def turned_outwards(vertices: np.ndarray, faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """The same mesh with its normals outwards, by the winding number just beneath its triangles.
-
-    Raises:
-        InputError: if no side is the inside, or the inside has no volume.
-    """
-    state = openness(vertices, faces)
-    beneath = _winding_beneath(vertices, faces)
-    if state.edges and max(beneath, 1 - beneath) < LEAST_WINDING:
-        raise InputError(
-            f"{name} is so open that it has no inside ({state.edges} boundary edges; the winding number is "
-            f"{beneath:.2f} on one side and that less 1 on the other): give a closed mesh, or close its holes."
-        )
-    if beneath < 0.5:
-        log.warning("%s is inside out: its triangles are turned", name)
-        faces = faces[:, ::-1].copy()
-    amount = signed_volume(vertices, faces)
-    if not state.edges and amount <= LEAST_FILL * float(np.ptp(vertices, axis=0).max()) ** 3:
-        raise InputError(f"{name} has volume {amount:.3g}: give a mesh with an inside, whose normals point one way.")
-    return vertices, faces
-
-
-def openness(vertices: np.ndarray, faces: np.ndarray) -> Openness:
-    """Count the boundary and measure how far the oriented area is from closing."""
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    rim = unique[count == 1]
-    normals = _area_normals(vertices, faces)
-    gap = float(np.linalg.norm(normals.sum(0)) / np.linalg.norm(normals, axis=1).sum())
-    if not len(rim):
-        return Openness(0, 0, gap)
-    rim = np.unique(rim, return_inverse=True)[1].reshape(-1, 2)
-    graph = coo_array((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(rim.max() + 1,) * 2)
-    return Openness(len(rim), int(connected_components(graph, directed=False)[0]), gap)
-
-
-def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Volume by the divergence theorem, Σ ⟨a, b × c⟩ / 6 about the mean vertex, positive if normals point out."""
-    a, b, c = (vertices - vertices.mean(0))[faces].transpose(1, 0, 2)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
-
-def _area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    return np.cross(b - a, c - a) / 2
-
-
-def _winding_beneath(vertices: np.ndarray, faces: np.ndarray, count: int = 2000) -> float:
-    """Mean winding number a hair beneath points drawn on the triangles by area."""
-    mesh = SimplexMesh(torch.from_numpy(vertices), torch.from_numpy(faces))
-    points, chosen = sample_mesh_surface(mesh, count, torch.Generator().manual_seed(0))
-    normals = simplex_normals(mesh.vertices[mesh.simplices[chosen]])
-    hair = 1e-6 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    return float(igl.fast_winding_number(vertices, faces, (points - hair * normals).numpy()).mean())
-
-
-def _compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same triangles without the vertices that none of them uses."""
-    used, faces = np.unique(faces, return_inverse=True)
-    return np.ascontiguousarray(vertices[used]), np.ascontiguousarray(faces.reshape(-1, 3).astype(np.int64))
+    @staticmethod
+    def backward(ctx: Any, above: Tensor) -> tuple[Tensor, None]:
+        (gradient,) = ctx.saved_tensors
+        return above[:, None] * gradient, None

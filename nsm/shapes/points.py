@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
+from collections.abc import Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +20,13 @@ from torch import Tensor
 
 from nsm.errors import InputError
 from nsm.geometry.volume import volume
-from nsm.shapes.base import working_box
-from nsm.shapes.mesh import LEAST_WINDING, OPEN_VOLUME_RESOLUTION, FileShape
+from nsm.shapes.base import Shape, working_box
+from nsm.shapes.download import file_sha256, resolve
+from nsm.shapes.mesh_reading import LEAST_WINDING
+from nsm.shapes.placing import FilePlacement, centered
 from nsm.shapes.primitive import Pose
 from nsm.shapes.sampling import ambient_points
+from nsm.shapes.similarity import Similarity
 from nsm.types import DistanceSamples, SurfaceSamples
 
 log = logging.getLogger(__name__)
@@ -30,11 +37,13 @@ FORMATS = (".ply", ".xyz")
 NEIGHBOURS = 12
 #: Within so many radii of its disc the nearest point tells the side; beyond, the winding number does.
 NEAR_RADII = 4.0
+#: Cells along the longest side for the volume.
+VOLUME_CELLS = 96
 #: Least fall of the winding number across the points: about 1 where neighbours agree, and near 0 where they do not.
 LEAST_JUMP = 0.3
 
 
-class PointCloud(FileShape):
+class PointCloud(Shape):
     """Points with outward normals: every point stands for a disc of the surface.
 
     The area of a disc is that which its nearest neighbours leave it. A distance is that to the disc of the
@@ -46,23 +55,40 @@ class PointCloud(FileShape):
         path: a ply file with normals, an xyz file of six columns, or a public name.
         fit: half of the longest side after fitting; None keeps the coordinates of the file.
         pose: rotation, translation and scale given to the points after that.
+        up: the direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
 
     Raises:
-        InputError: if there are no normals, or they enclose nothing, or the posed points leave the box.
+        InputError: if there are no normals, or they enclose nothing.
     """
 
-    def __init__(self, path: str, fit: float | None = 0.8, pose: Pose = None) -> None:
-        super().__init__(path, fit, pose)
-        points, normals = clean_points(*read_points(self.file), self.path)
-        self._similarity = self.fitting(torch.from_numpy(points))
-        self._points = self._similarity.apply(torch.from_numpy(points)).numpy()
-        self._normals = self._similarity.turn(torch.from_numpy(normals)).numpy()
+    dim = 3
+
+    def __init__(
+        self, path: str, fit: float | None = 0.8, pose: Pose = None, up: Sequence[float] | None = None
+    ) -> None:
+        place, self.path, file = FilePlacement(fit, pose, up), str(path), resolve(path)
+        raw, normals = clean_points(*read_points(file), self.path)
+        points, center = centered(torch.from_numpy(raw))
+        placement = place.of_centered(points, center)
+        self._sha256 = file_sha256(file)
+        self._similarity = placement.after(Similarity.shift(-center))
+        self._points = placement.apply(points).numpy()
+        self._normals = placement.turn(torch.from_numpy(normals)).numpy()
         self._tree = cKDTree(self._points)
         self._areas = point_areas(self._tree)
         self._radii = np.sqrt(self._areas / np.pi)
         self._expansion: tuple[Any, ...] | None = None
         self._orient()
-        self.require_in_box()
+
+    def transformed(self, similarity: Similarity) -> PointCloud:
+        """The cloud moved by a similarity, on top of what it has."""
+        moved = copy(self)
+        moved._similarity = similarity.after(self._similarity)
+        moved._points = similarity.apply(torch.from_numpy(self._points)).numpy()
+        moved._normals = similarity.turn(torch.from_numpy(self._normals)).numpy()
+        moved._tree, moved._expansion = cKDTree(moved._points), None
+        moved._areas, moved._radii = similarity.scale**2 * self._areas, similarity.scale * self._radii
+        return moved
 
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
         """A random subset of the points (repeated only if more are asked for than there are), with their normals."""
@@ -93,20 +119,26 @@ class PointCloud(FileShape):
         inside[far] = self._winding(queries[far]) > 0.5
         return torch.from_numpy(np.where(inside, -distance, distance)).to(x)
 
-    def bounds(self) -> Float[Tensor, "2 d"]:
+    def exact_bounds(self) -> Float[Tensor, "2 d"]:
         """Corners of the box around the points."""
-        points = torch.from_numpy(self._points).to(torch.get_default_dtype())
+        points = torch.from_numpy(self._points)
         return torch.stack([points.amin(0), points.amax(0)])
 
     def volume(self) -> float:
         """Volume of the inside, from a grid."""
-        low, high = self.bounds()
+        low, high = self.exact_bounds()
         margin = 0.05 * (high - low).max()
-        return volume(self.signed_distance, torch.stack([low - margin, high + margin]), OPEN_VOLUME_RESOLUTION)
+        return volume(self.signed_distance, torch.stack([low - margin, high + margin]), VOLUME_CELLS)
 
     def provenance(self) -> dict[str, Any]:
         """File, hash and the similarity from its coordinates to the box."""
-        return self._provenance("point cloud", self._similarity)
+        similarity = self._similarity.to_config()
+        return {"kind": "point cloud", "path": self.path, "sha256": self._sha256, "similarity": similarity}
+
+    def content_key(self) -> str:
+        """SHA-256 of the content of the file and its way to the box, whatever the name of the file."""
+        place = json.dumps(self._similarity.to_config(), sort_keys=True)
+        return hashlib.sha256(f"{type(self).__name__} {self._sha256} {place}".encode()).hexdigest()
 
     def _winding(self, queries: np.ndarray) -> np.ndarray:
         if not len(queries):

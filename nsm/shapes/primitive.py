@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from copy import copy
 from typing import Any
 
 import torch
@@ -34,11 +33,6 @@ class Primitive(FieldShape):
             raise InputError(f"A {type(self).__name__} was given in {dim} dimensions: shapes are 2D or 3D.")
         super().__init__(dim, Similarity.read(pose, dim))
         self._arguments = arguments
-        self.require_in_box()
-
-    @abstractmethod
-    def own_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Signed distance at p (n, d) in the shape's own coordinates."""
 
     @abstractmethod
     def support(self, u: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
@@ -47,16 +41,6 @@ class Primitive(FieldShape):
     @abstractmethod
     def own_volume(self) -> float:
         """Volume (area in 2D) in the shape's own coordinates."""
-
-    def forward(self, x: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """s g(Rᵀ(x − t)/s)."""
-        return self.similarity.scale * self.own_distance(self.similarity.pull_back(x))
-
-    def transformed(self, similarity: Similarity) -> Primitive:
-        """The same primitive with another pose, in the box or out of it: what is shown may outgrow the box."""
-        moved = copy(self)
-        moved.similarity, moved._surface = similarity.after(self.similarity), None
-        return moved
 
     def config(self) -> dict[str, Any]:
         """Class, arguments and pose; the state is empty."""
@@ -72,10 +56,10 @@ class Primitive(FieldShape):
         margin = 0.05 * float((box[1] - box[0]).max())
         return torch.stack([box[0] - margin, box[1] + margin]).to(torch.get_default_dtype())
 
-    def bounds(self) -> Float[Tensor, "2 d"]:
-        """Exact, from the support function."""
+    def exact_bounds(self) -> Float[Tensor, "2 d"]:
+        """From the support function."""
         box = _support_box(self.support, self.similarity.rotation)
-        return (self.similarity.scale * box + self.similarity.translation).to(torch.get_default_dtype())
+        return self.similarity.scale * box + self.similarity.translation
 
     def volume(self) -> float:
         """s^d times the closed form."""
@@ -306,7 +290,7 @@ class Union(Primitive):
         pairs = [(a, b) for i, a in enumerate(boxes) for b in boxes[:i]]
         if all(((a[1] <= b[0]) | (b[1] <= a[0])).any() for a, b in pairs):
             return sum(shape.volume() for shape in self._members)
-        return FieldShape.volume(self) / self.similarity.scale**self.dim
+        return FieldShape.volume(self) / self.placement.scale**self.dim
 
     def config(self) -> dict[str, Any]:
         """As of every primitive, with the configs of the members."""

@@ -43,6 +43,51 @@ class Similarity:
         return Similarity(torch.eye(dim, dtype=torch.float64), torch.zeros(dim, dtype=torch.float64), scale)
 
     @staticmethod
+    def shift(translation: Float[Tensor, " d"]) -> Similarity:
+        """x ↦ x + t."""
+        return Similarity(torch.eye(len(translation), dtype=torch.float64), translation.double())
+
+    @staticmethod
+    def centering(bounds: Float[Tensor, "2 d"], half_side: float) -> Similarity:
+        """Moves the center of a box (2, d) to the origin, and makes half of its longest side ``half_side``."""
+        low, high = bounds.double()
+        scale = 2 * half_side / float((high - low).max())
+        return Similarity(torch.eye(len(low), dtype=torch.float64), -scale * (low + high) / 2, scale)
+
+    @staticmethod
+    def about(center: Float[Tensor, " d"], scale: float) -> Similarity:
+        """x ↦ c + s (x − c)."""
+        return Similarity(torch.eye(len(center), dtype=torch.float64), (1 - scale) * center.double(), scale)
+
+    @staticmethod
+    def upright(up: Sequence[float] | None, dim: int) -> Similarity:
+        """The shortest rotation that turns a direction into +y, as people type it; none if it is None.
+
+        Args:
+            up: d numbers, in the coordinates of a file.
+            dim: the dimension d.
+
+        Raises:
+            InputError: if ``up`` is no direction.
+        """
+        if up is None:
+            return Similarity.identity(dim)
+        direction = torch.tensor(_numbers(up), dtype=torch.float64)
+        if direction.shape != (dim,) or not direction.isfinite().all() or not direction.any():
+            raise InputError(
+                f"`up` must be {dim} numbers that are not all zero, got {list(up)}. Try `up={[0, 1, 0][:dim]}`."
+            )
+        direction = direction / direction.norm()
+        y = torch.eye(dim, dtype=torch.float64)[1]
+        if direction @ y < -1 + 1e-12:  # upside down: half a turn in the plane of x and y
+            half_turn = torch.eye(dim, dtype=torch.float64)
+            half_turn[0, 0] = half_turn[1, 1] = -1
+            return Similarity(half_turn, torch.zeros(dim, dtype=torch.float64))
+        skew = torch.outer(y, direction) - torch.outer(direction, y)
+        rotation = torch.eye(dim, dtype=torch.float64) + skew + skew @ skew / (1 + direction @ y)
+        return Similarity(rotation, torch.zeros(dim, dtype=torch.float64))
+
+    @staticmethod
     def read(pose: Similarity | Mapping[str, Any] | None, dim: int) -> Similarity:
         """Read a pose as people type it.
 

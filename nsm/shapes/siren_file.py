@@ -1,24 +1,22 @@
-"""Shapes that are sine networks, among them the published ones."""
+"""Files of signed distance networks, as the published ones are."""
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
-from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from nsm.errors import InputError
 from nsm.fields.siren import ScalarSiren, Siren
 from nsm.geometry.projection import newton_to_level
-from nsm.shapes.base import FieldShape, working_box
+from nsm.shapes.base import working_box
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.primitive import Pose
 from nsm.shapes.similarity import Similarity
-from nsm.types import Jet
+from nsm.shapes.siren import SirenShape
 
 #: ω of every layer of the published signed distance networks (camillebnm/neural_shape_morphing).
 OFFICIAL_OMEGA = 60.0
@@ -31,132 +29,40 @@ _PROBE_RESOLUTION = {2: 256, 3: 48}
 _PROBE_POINTS = 10000
 
 
-class SirenShape(FieldShape):
-    """A signed distance that is a sine network, posed and scaled by its weights alone.
-
-    With g = W_{L+1} sin(… sin(ω(W_1 x + b_1)) …) + b_{L+1}, the field s g(Rᵀ(x − t)/s) is the network with
-    W_1 Rᵀ/s, b_1 − W_1 Rᵀ t/s, s W_{L+1} and s b_{L+1} (section 7 of the paper), so a pose costs nothing.
-    The weights are frozen: an end shape does not train.
-
-    Args:
-        in_features: dimension d.
-        hidden_features: width.
-        hidden_layers: number of hidden layers.
-        omega: ω, one number or one a layer.
-        pose: the similarity that the weights already contain.
-        origin: where the network comes from (part of the provenance).
-    """
-
-    def __init__(
-        self,
-        in_features: int,
-        hidden_features: int,
-        hidden_layers: int,
-        omega: float | Sequence[float],
-        pose: Pose = None,
-        origin: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(in_features, Similarity.read(pose, in_features))
-        omegas = float(omega) if isinstance(omega, (int, float)) else [float(w) for w in omega]
-        self.network = ScalarSiren(in_features, hidden_features, hidden_layers, omegas).requires_grad_(False)
-        self.origin = dict(origin or {"kind": "network"})
-
-    @classmethod
-    def from_network(
-        cls, network: ScalarSiren, pose: Pose = None, origin: Mapping[str, Any] | None = None
-    ) -> SirenShape:
-        """A frozen copy of a network; ``pose`` says which similarity it contains."""
-        shape = SirenShape(
-            network.in_features, network.hidden_features, network.hidden_layers, network.omegas, pose, origin
-        )
-        shape.network.to(_linears(network)[0].weight)
-        shape.network.load_state_dict(network.state_dict())
-        return shape
-
-    def forward(self, x: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """The network."""
-        return self.network(x)
-
-    def jet(self, x: Float[Tensor, "n d"]) -> Jet:
-        """Value and gradient in closed form."""
-        return self.network.jet(x)
-
-    def transformed(self, similarity: Similarity) -> SirenShape:
-        """The same shape moved, by other weights in its first and last layer."""
-        moved = SirenShape.from_network(self.network, similarity.after(self.similarity), self.origin)
-        fold_similarity_(moved.network, similarity)
-        return moved
-
-    def config(self) -> dict[str, Any]:
-        """Architecture, pose and origin; the weights are the state."""
-        network = self.network
-        return {
-            "_target_": "nsm.shapes.SirenShape",
-            "in_features": network.in_features,
-            "hidden_features": network.hidden_features,
-            "hidden_layers": network.hidden_layers,
-            "omega": list(network.omegas),
-            "pose": self.similarity.to_config(),
-            "origin": self.origin,
-        }
-
-    def own_box(self) -> Float[Tensor, "2 d"]:
-        """[-1, 1]^d, where a network was trained; elsewhere it may hold anything."""
-        return working_box(self.dim)
-
-    def provenance(self) -> dict[str, Any]:
-        """The origin, and the similarity from the network's own coordinates to the box."""
-        return {**self.origin, "similarity": self.similarity.to_config()}
-
-
 class SirenFile(SirenShape):
     """A published network: a state dict ``net.0.0.weight``, ``net.0.0.bias``, … without architecture or ω.
+
+    It was trained in [-1, 1]^d.
 
     Args:
         path: a file, or a public name such as ``official/ni/kitten.pth``.
         omega: ω of every hidden layer, which the file does not say (60 for all the published ones).
         pose: rotation, translation and scale given to the shape.
+        up: the direction in the coordinates of the file that becomes +y, before the pose; None if it is +y already.
 
     Raises:
         InputError: if the file holds no such network, or what it holds is no signed distance in [-1, 1]^d.
     """
 
-    def __init__(self, path: str, omega: float = OFFICIAL_OMEGA, pose: Pose = None) -> None:
+    def __init__(
+        self, path: str, omega: float = OFFICIAL_OMEGA, pose: Pose = None, up: Sequence[float] | None = None
+    ) -> None:
         file = resolve(path)
         weights = read_layers(file)
         dim, width, hidden = weights[0].shape[1], weights[0].shape[0], len(weights) // 2 - 1
         origin = {"kind": "network", "path": str(path), "sha256": file_sha256(file), "omega": float(omega)}
-        similarity = Similarity.read(pose, dim)
-        super().__init__(dim, width, hidden, omega, similarity, origin)
+        similarity = Similarity.read(pose, dim).after(Similarity.upright(up, dim))
+        super().__init__(dim, width, hidden, omega, similarity, origin, similarity, working_box(dim).tolist())
         set_layers_(self.network, weights)
-        surface = _probe(self.network, str(path), float(omega))
-        fold_similarity_(self.network, similarity)
-        moved = similarity.apply(surface)
-        self.require_in_box(torch.stack([moved.amin(0), moved.amax(0)]))
-
-
-@torch.no_grad()
-def fold_similarity_(network: ScalarSiren, similarity: Similarity) -> None:
-    """Turn the network g into x ↦ s g(Rᵀ(x − t)/s), by its first and last layer."""
-    first, last = _linears(network)[0], _linears(network)[-1]
-    device = first.weight.device
-    pulled = first.weight.double() @ similarity.rotation.to(device).T / similarity.scale
-    first.bias.copy_(first.bias.double() - pulled @ similarity.translation.to(device))
-    first.weight.copy_(pulled)
-    last.weight.mul_(similarity.scale)
-    last.bias.mul_(similarity.scale)
+        _require_distance(self.network, str(path), float(omega))
 
 
 @torch.no_grad()
 def set_layers_(network: Siren, layers: Sequence[Tensor]) -> None:
     """Give a network the weights and biases, in order, that `read_layers` read."""
-    for linear, weight, bias in zip(_linears(network), layers[::2], layers[1::2], strict=True):
+    for linear, weight, bias in zip(network.linear_layers, layers[::2], layers[1::2], strict=True):
         linear.weight.copy_(weight)
         linear.bias.copy_(bias)
-
-
-def _linears(network: Siren) -> list[nn.Linear]:
-    return [linear for linear in network.linears if isinstance(linear, nn.Linear)]
 
 
 def read_layers(file: Path, inputs: Collection[int] = (2, 3), outputs: int = 1) -> list[Tensor]:
@@ -211,8 +117,8 @@ def _checked(file: Path, layers: list[Tensor], inputs: Collection[int], outputs:
 
 
 @torch.no_grad()
-def _probe(network: ScalarSiren, name: str, omega: float) -> Float[Tensor, "n d"]:
-    """Points on the surface of a freshly loaded network, after a check that it is a signed distance in [-1, 1]^d.
+def _require_distance(network: ScalarSiren, name: str, omega: float) -> None:
+    """Raise an `InputError` unless a freshly loaded network is a signed distance in [-1, 1]^d.
 
     A file does not say its ω. With a wrong one the values are no distances: no zero set, or |∇g| far from 1.
     """
@@ -228,7 +134,7 @@ def _probe(network: ScalarSiren, name: str, omega: float) -> Float[Tensor, "n d"
             f"(the published ones: omega={OFFICIAL_OMEGA:g})."
         )
     near = near[:: max(1, len(near) // _PROBE_POINTS)]  # at a small omega all of the grid is near
-    points, jet = newton_to_level(network.jet, near, reach=cell)
+    _, jet = newton_to_level(network.jet, near, reach=cell)
     norms = jet.gradient.norm(dim=1)
     deviation = float((norms - 1).abs().mean())
     if not deviation < EIKONAL_TOLERANCE:
@@ -244,4 +150,3 @@ def _probe(network: ScalarSiren, name: str, omega: float) -> Float[Tensor, "n d"
             f"{name} read at omega={omega:g} reaches the faces of [-1, 1]^{dim} (its least value is {least:.3g}), "
             "so its surface is cut: give a network whose shape lies inside, or the omega it was trained with."
         )
-    return points[jet.value.abs() < 0.01 * cell]

@@ -15,7 +15,7 @@ from PIL import Image
 from torch import Tensor
 
 from nsm.shapes.download import resolve
-from nsm.shapes.mesh import read_mesh
+from nsm.shapes.mesh_reading import read_mesh
 from nsm.types import SimplexMesh
 
 #: Values of a vertex in a ply file that are read as what they mean.

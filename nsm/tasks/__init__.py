@@ -3,7 +3,7 @@
 from nsm.tasks.base import Collapse, FieldTask
 from nsm.tasks.data import FieldData
 from nsm.tasks.ends import Ends, prepare_ends, starting_network
-from nsm.tasks.fit import SdfFit, as_shape, draw_pools
+from nsm.tasks.fit import SdfFit, draw_pools
 from nsm.tasks.morph import MorphTask
 from nsm.tasks.schedule import constant, warmup_cosine
 from nsm.tasks.sdf import SdfTask
@@ -16,7 +16,6 @@ __all__ = [
     "MorphTask",
     "SdfFit",
     "SdfTask",
-    "as_shape",
     "constant",
     "draw_pools",
     "prepare_ends",

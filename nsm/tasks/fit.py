@@ -23,12 +23,15 @@ from nsm.files import whole_file
 from nsm.losses import WeightedSum
 from nsm.sampling import Box, Fractions, Pools, SdfSampler
 from nsm.shapes import FieldShape, Shape, Similarity, SirenShape, working_box
+from nsm.shapes.normalize import HALF_SIDE
 from nsm.tasks.base import Collapse
 from nsm.tasks.data import FieldData
 from nsm.tasks.sdf import SdfTask
 
 log = logging.getLogger(__name__)
 
+#: Raised whenever fits in the cache are no longer those that would be made.
+_VERSION = 2
 #: Points by which validation judges a fit.
 _VALIDATION_POINTS = 8000
 
@@ -74,11 +77,14 @@ class SdfFit:
         self.settings, self.trainer = dict(settings), trainer
 
     def prepare(self, shape: Shape) -> tuple[SdfTask, FieldData]:
-        """The task and the data that fit a shape."""
+        """The task and the data that fit a shape.
+
+        Raises:
+            InputError: if the shape leaves the box [-1, 1]^d.
+        """
+        _require_in_box(shape)
         box = Box(shape.dim, self.half_width)
-        # a network is a distance only where it was trained; formulas, meshes and points have one everywhere
-        known = 1.0 if isinstance(shape, SirenShape) else self.half_width
-        pools = draw_pools(shape, self.pool, self.seed, known)
+        pools = draw_pools(shape, self.pool, self.seed, self.half_width)
         data = FieldData(
             SdfSampler(pools, box, self.size, self.fractions),
             SdfSampler(pools, box, _VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
@@ -90,7 +96,7 @@ class SdfFit:
         return SdfTask(network, self.loss, self.optimizer, self.scheduler), data
 
     def __call__(self, shape: Shape) -> SirenShape:
-        """The network of a shape: from the cache if this very fit was made before, else fitted now.
+        """The network of a shape in the box: from the cache if this very fit was made before, else fitted now.
 
         Raises:
             InputError: if the fit fails twice.
@@ -107,7 +113,7 @@ class SdfFit:
                 log.warning("the cached fit %s cannot be read and is made again", file)
         kind = shape.provenance()["kind"]
         log.info("fitting a network to the %s: %d steps, then kept in %s", kind, self.steps, file.parent)
-        fitted = as_shape(self._fitted(shape), shape)
+        fitted = self.as_shape(self._fitted(shape), shape)
         entry = {"format": FORMAT, "model": fitted.config()}
         with whole_file(file) as temporary:
             torch.save({"nsm": entry, "state_dict": fitted.state_dict()}, temporary)
@@ -135,8 +141,16 @@ class SdfFit:
             "fourfold, or raise sdf.steps"
         )
 
+    def as_shape(self, task: SdfTask, shape: Shape) -> SirenShape:
+        """The network of a finished fit, in place of the shape it was fitted to."""
+        provenance = shape.provenance()
+        pose = Similarity.read(provenance["similarity"], shape.dim)
+        origin = {key: value for key, value in provenance.items() if key != "similarity"}
+        domain = (self.half_width * working_box(shape.dim)).tolist()
+        return SirenShape.from_network(task.network, pose, origin, domain)
+
     def _key(self, shape: Shape) -> str:
-        settings = json.dumps([FORMAT, shape.content_key(), self.settings], sort_keys=True)
+        settings = json.dumps([FORMAT, _VERSION, shape.content_key(), self.settings], sort_keys=True)
         return hashlib.sha256(settings.encode()).hexdigest()[:32]
 
 
@@ -147,17 +161,26 @@ def draw_pools(shape: Shape, count: int, seed: int, half_width: float = 1.0) -> 
     return Pools(shape.surface_samples(count, generator), shape.distance_samples(count, generator, box))
 
 
-def as_shape(task: SdfTask, shape: Shape) -> SirenShape:
-    """The network of a finished fit, in place of the shape it was fitted to."""
-    provenance = shape.provenance()
-    pose = Similarity.read(provenance["similarity"], shape.dim)
-    origin = {key: value for key, value in provenance.items() if key != "similarity"}
-    return SirenShape.from_network(task.network, pose, origin)
-
-
 def realise(shape: Shape, fit: SdfFit) -> FieldShape:
-    """A shape that is a field: itself if it is one already, else the network fitted to it."""
-    return shape if isinstance(shape, FieldShape) else fit(shape)
+    """A shape that is a field: itself if it is one already, else the network fitted to it.
+
+    The fit is made where the shape fills the box, and taken back to where the shape is: that may be anywhere.
+    """
+    if isinstance(shape, FieldShape):
+        return shape
+    place = Similarity.centering(shape.exact_bounds(), HALF_SIDE)
+    return fit(shape.transformed(place)).transformed(place.inverse())
+
+
+def _require_in_box(shape: Shape) -> None:
+    low, high = shape.exact_bounds()
+    excess = float(torch.cat([-1 - low, high - 1]).max())
+    if excess > 1e-6:
+        corners = [", ".join(f"{v:.3g}" for v in corner.tolist()) for corner in (low, high)]
+        raise InputError(
+            f"The {shape.provenance()['kind']} must lie in [-1, 1]^{shape.dim} to be fitted, got one from "
+            f"({corners[0]}) to ({corners[1]}). Try `source.fit=0.8`, or another `source.pose`."
+        )
 
 
 def cache_folder() -> Path:
