@@ -138,11 +138,11 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
     init(morph.field, starting_network(morph.field, ends.source, fit) if init.needs_source else None)
 
     sampler = instantiate(cfg.sampler)
-    pools = (
-        draw_pools(ends.source, sampler["pool"], cfg.seed),
-        draw_pools(ends.target, sampler["pool"], cfg.seed + 1),
-    )
     box = sampler["box"](dim=dim)
+    pools = (
+        draw_pools(ends.source, sampler["pool"], cfg.seed, box.half_width),
+        draw_pools(ends.target, sampler["pool"], cfg.seed + 1, box.half_width),
+    )
     _, ambient, interior = sampler["fractions"].counts(sampler["size"])
     data = FieldData(
         MorphSampler(*pools, box, sampler["time"], sampler["size"], sampler["fractions"]),

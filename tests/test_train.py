@@ -105,8 +105,9 @@ def test_a_checkpoint_needs_nothing_but_itself(
     morph = load_morph(moved)
     assert isinstance(morph, Morph)
     x = torch.rand(9, 2) * 2 - 1
-    torch.testing.assert_close(morph.source(x), (x - torch.tensor([-0.5, 0.0])).norm(dim=1) - 0.3)
-    torch.testing.assert_close(morph.target(x), (x - torch.tensor([0.5, 0.0])).norm(dim=1) - 0.3)
+    # two disks of radius 0.3 at ∓0.5, whose longest half side together is 0.8, placed so that it is 0.9
+    torch.testing.assert_close(morph.source(x), (x - torch.tensor([-0.5625, 0.0])).norm(dim=1) - 0.3375)
+    torch.testing.assert_close(morph.target(x), (x - torch.tensor([0.5625, 0.0])).norm(dim=1) - 0.3375)
     assert (morph(x, 0.5) * morph.source(x)).sum() > 0
 
 
