@@ -72,7 +72,8 @@ class MorphTask(FieldTask):
         placed = self.near.place(batch, self.box.half_width)
         known = self.landmarks and LandmarkPairs(*(points.to(placed.points) for points in self.landmarks))
         progress = self.global_step / self.trainer.max_steps
-        return Evaluation(placed, self.morph.field, self.morph.velocity_field, known, progress)
+        ends = self.morph.source, self.morph.target
+        return Evaluation(placed, self.morph.field, self.morph.velocity_field, known, progress, ends)
 
     def learn_from(self, evaluation: Evaluation) -> None:
         """Follow the surface."""
