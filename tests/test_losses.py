@@ -22,13 +22,14 @@ from nsm.losses import (
     NormalAlignment,
     NormalMatch,
     OfficialDirichlet,
+    OfficialNeumann,
     OverBatch,
     SurfaceDirichlet,
     Term,
     WeightedSum,
 )
 from nsm.sampling import Batch
-from nsm.shapes import LandmarkPairs
+from nsm.shapes import Ball, LandmarkPairs
 from nsm.types import Jet
 
 LOSSES = sorted(p.stem for p in (CONF / "loss").glob("*.yaml"))
@@ -84,7 +85,8 @@ def networks(velocity: type[Velocity] = Free, n: int = 40, dim: int = 3) -> Eval
     batch = Batch(
         torch.rand(n, dim + 1, dtype=torch.float64) * 2 - 1, torch.randn(n // 2, dtype=torch.float64), normals
     )
-    return Evaluation(batch, field, moving.double())
+    ends = Ball(0.4, (0.0,) * dim).double(), Ball(0.3, (0.1,) * dim).double()
+    return Evaluation(batch, field, moving.double(), ends=ends)
 
 
 @pytest.mark.parametrize("name", sorted(MOTIONS))
@@ -180,11 +182,11 @@ def suited_to(name: str) -> Evaluation:
     if name.startswith("nise"):
         evaluation, velocity = networks(), Nise(3)
         velocity.attach(evaluation.field, lambda x: x.norm(dim=1) - 0.5)
-        return Evaluation(evaluation.batch, evaluation.field, velocity)
+        return Evaluation(evaluation.batch, evaluation.field, velocity, ends=evaluation._ends)
     if name.endswith("insd"):
         evaluation = networks(Free)
         pairs = LandmarkPairs(*(torch.rand(5, 3, dtype=torch.float64) for _ in range(2)))
-        return Evaluation(evaluation.batch, evaluation.field, evaluation._moving(), pairs)
+        return Evaluation(evaluation.batch, evaluation.field, evaluation._moving(), pairs, ends=evaluation._ends)
     return networks(AdaDiv)
 
 
@@ -202,7 +204,7 @@ def test_every_preset_lets_a_gradient_reach_every_weight_of_both_networks(name: 
         assert parameter.grad.abs().sum() > 0 or key == "network.linears.2.bias", key
 
 
-@pytest.mark.parametrize("term", [Eikonal, LevelSet, *BOUNDARY, Neumann, NormalMatch])
+@pytest.mark.parametrize("term", [Eikonal, LevelSet, *BOUNDARY, Neumann, NormalMatch, OfficialNeumann])
 def test_every_term_lets_a_gradient_reach_f(term: type[Term]) -> None:
     evaluation = networks()
     term(weight=1)(evaluation).backward()

@@ -1,13 +1,19 @@
 """Loss terms, and their weighted sum."""
 
-from nsm.losses.base import Evaluation, OverBatch, Ramp, Term, WeightedSum
+from nsm.losses.base import Evaluation, Everywhere, OverBatch, Ramp, Term, WeightedSum
 from nsm.losses.boundary import AmbientDirichlet, EndVolume, Neumann, NormalAlignment, NormalMatch, SurfaceDirichlet
 from nsm.losses.divergence import Divergence
 from nsm.losses.eikonal import Eikonal, EndEikonal
 from nsm.losses.insd import Compression, LandmarkMatch, ModifiedLevelSet, Smoothness
 from nsm.losses.level_set import LevelSet
 from nsm.losses.lipschitz import LipschitzBound
-from nsm.losses.official import DecoupledEikonal, OfficialDirichlet
+from nsm.losses.official import (
+    DecoupledEikonal,
+    OfficialDirichlet,
+    OfficialDivergence,
+    OfficialNeumann,
+    OfficialSmoothness,
+)
 
 __all__ = [
     "AmbientDirichlet",
@@ -18,6 +24,7 @@ __all__ = [
     "EndEikonal",
     "EndVolume",
     "Evaluation",
+    "Everywhere",
     "LandmarkMatch",
     "LevelSet",
     "LipschitzBound",
@@ -26,6 +33,9 @@ __all__ = [
     "NormalAlignment",
     "NormalMatch",
     "OfficialDirichlet",
+    "OfficialDivergence",
+    "OfficialNeumann",
+    "OfficialSmoothness",
     "OverBatch",
     "Ramp",
     "Smoothness",

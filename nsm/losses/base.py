@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 
+import torch
 from torch import Tensor
 
 from nsm.errors import InputError
 from nsm.fields.scalar import ScalarNetwork
 from nsm.fields.velocity import Free, Velocity
 from nsm.sampling.batch import Batch
+from nsm.shapes.base import FieldShape
 from nsm.shapes.landmarks import LandmarkPairs
 from nsm.types import Jet, VectorJet
 
@@ -25,6 +27,7 @@ class Evaluation:
         velocity: V, or None where nothing moves.
         landmarks: points of the source and of the target that belong together, or None where none are known.
         progress: how much of the training is over, from 0 to 1.
+        ends: the shapes at t = 0 and t = 1, or None where the loss asks for nothing but the targets of the batch.
     """
 
     def __init__(
@@ -34,9 +37,10 @@ class Evaluation:
         velocity: Velocity | None = None,
         landmarks: LandmarkPairs | None = None,
         progress: float = 1.0,
+        ends: tuple[FieldShape, FieldShape] | None = None,
     ) -> None:
         self.batch, self.field, self._velocity = batch, field, velocity
-        self.landmarks, self.progress = landmarks, progress
+        self.landmarks, self.progress, self._ends = landmarks, progress, ends
         self.dim = batch.normals.shape[1]
 
     @cached_property
@@ -53,6 +57,28 @@ class Evaluation:
     def interior(self) -> Jet:
         """The jet of f at the interior points."""
         return Jet(*(part[self.batch.interior] for part in self.f))
+
+    @cached_property
+    def everywhere(self) -> Evaluation:
+        """The same points, all of them interior points: V and what follows from it are evaluated on every one.
+
+        The jet of f is shared with this evaluation; targets and end shapes are not known there.
+        """
+        batch = Batch(self.batch.points, self.batch.distances[:0], self.batch.normals[:0])
+        evaluation = Evaluation(batch, self.field, self._velocity, self.landmarks, self.progress)
+        evaluation.f = self.f
+        return evaluation
+
+    @cached_property
+    def known_gradients(self) -> Tensor:
+        """∇g (s + a, d) of the end shapes: the unit normals at surface points, then the gradients at ambient points."""
+        if self._ends is None:
+            raise ValueError("this term needs the end shapes, and none are given: pass `ends` to `Evaluation`")
+        x, t = self.batch.points[self.batch.ambient].tensor_split([self.dim], dim=1)
+        gradients = torch.empty_like(x)
+        for shape, here in zip(self._ends, (t[:, 0] < 0.5, t[:, 0] >= 0.5), strict=True):
+            gradients[here] = shape.jet(x[here]).gradient
+        return torch.cat([self.batch.normals, gradients])
 
     @cached_property
     def velocity(self) -> Tensor:
@@ -118,6 +144,21 @@ class OverBatch:
         return self.term(evaluation) * (defined / len(evaluation.batch.points))
 
 
+class Everywhere:
+    """A term at *all* points of the batch, those on and around the end shapes included, as the authors' code has it.
+
+    Args:
+        term: a term that lives at interior points, such as `nsm.losses.LevelSet`.
+    """
+
+    def __init__(self, term: Term) -> None:
+        self.term = term
+
+    def __call__(self, evaluation: Evaluation) -> Tensor:
+        """The term on the batch whose points all count as interior ones."""
+        return self.term(evaluation.everywhere)
+
+
 class Ramp:
     """A term that comes in during the training: not there at first, then growing evenly to its full weight.
 
@@ -147,7 +188,7 @@ class WeightedSum:
         terms: name → term; a term is any callable from an `Evaluation` to a scalar.
     """
 
-    def __init__(self, terms: Mapping[str, Term | OverBatch | Ramp]) -> None:
+    def __init__(self, terms: Mapping[str, Callable[[Evaluation], Tensor]]) -> None:
         self.terms = dict(terms)
 
     def __call__(self, evaluation: Evaluation) -> tuple[Tensor, dict[str, Tensor]]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
+import torch.nn.functional as F
 from torch import Tensor
 
 from nsm.losses.base import Evaluation, Term
+from nsm.losses.insd import Compression, Smoothness
 
 
 class OfficialDirichlet(Term):
@@ -14,6 +18,28 @@ class OfficialDirichlet(Term):
         known = slice(0, evaluation.batch.ambient.stop)
         value = evaluation.f.value[known]
         return (value - evaluation.batch.distances[known]) * (-value.square() / 2).exp()
+
+
+class OfficialNeumann(Term):
+    """1 − cos(∇f, ∇g) at every point where g is known: on the end shapes and around them."""
+
+    def residual(self, evaluation: Evaluation) -> Tensor:
+        known = evaluation.known_gradients
+        return 1 - F.cosine_similarity(evaluation.f.gradient[: len(known), : evaluation.dim], known, dim=1)
+
+
+class OfficialSmoothness(Smoothness):
+    """‖γ V − α ΔV‖/√d: squared, the mean over the d components of the vector, not the sum."""
+
+    def residual(self, evaluation: Evaluation) -> Tensor:
+        return super().residual(evaluation) / math.sqrt(evaluation.dim)
+
+
+class OfficialDivergence(Compression):
+    """div V without its gradient, as the authors' code has it: logged, part of the sum, and not minimized."""
+
+    def residual(self, evaluation: Evaluation) -> Tensor:
+        return super().residual(evaluation).detach()
 
 
 class DecoupledEikonal(Term):

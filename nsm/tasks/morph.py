@@ -77,7 +77,8 @@ class MorphTask(FieldTask):
         placed = self.ends.place(near, self.near, self.box.half_width, *shapes)
         known = self.landmarks and LandmarkPairs(*(points.to(placed.points) for points in self.landmarks))
         progress = self.global_step / self.trainer.max_steps
-        return Evaluation(placed, morph.field, morph.velocity_field, known, progress)
+        ends = morph.source, morph.target
+        return Evaluation(placed, morph.field, morph.velocity_field, known, progress, ends)
 
     def learn_from(self, evaluation: Evaluation) -> None:
         """Follow the surface."""
