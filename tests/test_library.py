@@ -15,7 +15,7 @@ import trimesh
 
 SCRIPT = Path(__file__).resolve().parent.parent / "tools" / "two_meshes_to_film.py"
 SMALL = (
-    *("--steps", "40", "--fit-steps", "250", "--points", "1000", "--width", "32", "--layers", "2"),
+    *("--steps", "250", "--points", "1000", "--width", "32", "--layers", "2"),
     *("--resolution", "24", "--seconds", "0.2", "--size", "160", "120"),
 )
 

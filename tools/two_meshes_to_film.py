@@ -2,10 +2,9 @@
 
     python tools/two_meshes_to_film.py a.obj b.ply film.mp4
 
-Each mesh becomes a network (kept in the user's cache), both are scaled to one volume, f and V are trained, and the
-morph is measured and filmed. Beside the film go the volume over time (.csv, .png) and all figures of merit (.json). The
-sizes below are those of the default configuration, a quarter of an hour on two processor cores; `--help` lists what
-cuts it.
+Both meshes are scaled to one volume, f and V are trained, and the morph is measured and filmed. Beside the film go the
+volume over time (.csv, .png) and all figures of merit (.json). The sizes below are those of the default configuration;
+`--help` lists what makes it shorter.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from pytorch_optimizer import SOAP
 
 from nsm.callbacks import Progress
 from nsm.errors import InputError
-from nsm.fields import AdaDiv, Gaussian, ScalarSiren, SourceInit, VectorSiren
+from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
 from nsm.files import whole_file
 from nsm.losses import (
     AmbientDirichlet,
@@ -32,15 +31,14 @@ from nsm.losses import (
     EndVolume,
     LevelSet,
     NormalAlignment,
-    NormalMatch,
     SurfaceDirichlet,
     WeightedSum,
 )
 from nsm.metrics import Protocol, evaluate_morph
 from nsm.morph import NeuralMorph
-from nsm.sampling import Box, Fractions, MorphSampler, MovingSurface, UniformTime
-from nsm.shapes import MeshFile
-from nsm.tasks import Ends, FieldData, MorphTask, SdfFit, draw_pools, prepare_ends, starting_network, warmup_cosine
+from nsm.sampling import Box, EndSurfaces, Fractions, MorphSampler, MovingSurface, UniformTime
+from nsm.shapes import FieldShape, MeshFile, equal_volume, place_together
+from nsm.tasks import FieldData, MorphTask, draw_pools, warmup_cosine
 from nsm.writers import Look, Pace, plot_volume_curves, render_film, write_volume_curve
 
 #: Space is three-dimensional; the shapes lie in [-1, 1]^3, and the equations are asked for a little beyond.
@@ -48,72 +46,44 @@ DIM, HALF_WIDTH = 3, 1.5
 #: Points on and around each shape whose targets are computed once.
 POOL = 200_000
 #: How a batch is divided: on the end shapes, around them, and the rest inside space-time.
-MORPH_PARTS, SHAPE_PARTS = Fractions(surface=0.25, ambient=0.25), Fractions(surface=0.65, ambient=0.3)
+PARTS = Fractions(surface=0.25, ambient=0.25)
 
 
 def main() -> None:
-    """Fit, scale, train, measure, film."""
+    """Scale, train, measure, film."""
     sizes = read_arguments()
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     torch.manual_seed(0)
-    fit = shape_fit(sizes)
-    ends = prepare_ends(MeshFile(sizes.source), MeshFile(sizes.target), fit)
-    morph = train(ends, fit, sizes)
+    scaled = equal_volume(MeshFile(sizes.source), MeshFile(sizes.target))
+    pair = place_together(scaled.source, scaled.target)
+    morph = train(pair.source, pair.target, sizes)
     measure(morph, sizes)
     film(morph, sizes)
 
 
-def shape_fit(sizes: argparse.Namespace) -> SdfFit:
-    """How a mesh becomes a network g(x), its signed distance (section 4 of the paper)."""
+def train(source: FieldShape, target: FieldShape, sizes: argparse.Namespace) -> NeuralMorph:
+    """f(x, t) and V(x, t) together: V = curl D + β(f) ∇u carries f from the source to the target."""
+    field = ScalarSiren(DIM + 1, sizes.width, sizes.layers, omega=30.0, first_omega=5.0)
+    potentials = partial(VectorSiren, hidden_features=96, hidden_layers=4, omega=20.0, first_omega=10.0)
+    morph = NeuralMorph(field, AdaDiv(DIM, potentials, Gaussian(alpha=0.1)), source, target)
     loss = WeightedSum(
         {
+            "level_set": LevelSet(4e3),
             "dirichlet": AmbientDirichlet(5e3),
-            "surface": SurfaceDirichlet(1e4),
-            "neumann": NormalMatch(200),
-            "eikonal": Eikonal(20),
-        }
-    )
-    return SdfFit(
-        partial(ScalarSiren, **scalar(sizes)),
-        loss,
-        OPTIMIZER,
-        SCHEDULE,
-        steps=sizes.fit_steps,
-        size=sizes.points,
-        fractions=SHAPE_PARTS,
-        pool=POOL,
-        half_width=HALF_WIDTH,
-        tolerance=0.05,
-        seed=0,
-        settings={"steps": sizes.fit_steps, "points": sizes.points, **scalar(sizes)},  # name the fit in the cache
-        trainer=partial(trainer, "fitting a shape"),
-    )
-
-
-def train(ends: Ends, fit: SdfFit, sizes: argparse.Namespace) -> NeuralMorph:
-    """f(x, t) and V(x, t) together: V = curl D + β(f) ∇u carries f from the source, where it starts, to the target."""
-    field = ScalarSiren(in_features=DIM + 1, **scalar(sizes))
-    SourceInit()(field, starting_network(field, ends.source, fit))
-    potentials = partial(
-        VectorSiren, hidden_features=sizes.width, hidden_layers=sizes.layers, omega=20.0, first_omega=10.0
-    )
-    morph = NeuralMorph(field, AdaDiv(DIM, potentials, Gaussian(alpha=0.1)), ends.source, ends.target)
-    loss = WeightedSum(
-        {
-            "level_set": LevelSet(1.5e4),
-            "dirichlet": AmbientDirichlet(2.5e3),
-            "surface": SurfaceDirichlet(2.5e3),
+            "surface": SurfaceDirichlet(5e3),
             "volume": EndVolume(3e4),
             "neumann": NormalAlignment(50, power=1),
-            "eikonal": Eikonal(450),
+            "eikonal": Eikonal(100),
         }
     )
     box = Box(DIM, HALF_WIDTH)
-    pools = draw_pools(ends.source, POOL, seed=0), draw_pools(ends.target, POOL, seed=1)
+    pools = draw_pools(source, POOL, 0, HALF_WIDTH), draw_pools(target, POOL, 1, HALF_WIDTH)
     sampler = partial(MorphSampler, *pools, box, UniformTime())
-    data = FieldData(sampler(sizes.points, MORPH_PARTS), sampler(8000, Fractions(surface=1.0, ambient=0.0)), seed=0)
-    near = MovingSurface(DIM, MORPH_PARTS.counts(sizes.points)[2], fraction=0.3, width=0.08, reach=0.25)
-    task = MorphTask(morph, near, box, loss, OPTIMIZER, SCHEDULE)
+    data = FieldData(sampler(sizes.points, PARTS), sampler(8000, Fractions(surface=1.0, ambient=0.0)), seed=0)
+    _, ambient, interior = PARTS.counts(sizes.points)
+    near = MovingSurface(DIM, interior, fraction=0.3, width=0.08, reach=0.25)
+    at_ends = EndSurfaces(DIM, ambient, own=0.5, visitors=0.25, width=0.03, reach=0.1)
+    task = MorphTask(morph, near, at_ends, box, loss, OPTIMIZER, SCHEDULE)
     trainer("training", max_steps=sizes.steps, val_check_interval=max(1, sizes.steps // 5)).fit(task, data)
     return morph.eval()
 
@@ -146,11 +116,6 @@ def trainer(title: str, **arguments: Any) -> L.Trainer:
     return L.Trainer(callbacks=[Progress(title)], **(quiet | endless | arguments))
 
 
-def scalar(sizes: argparse.Namespace) -> dict[str, Any]:
-    """The size of f and of the networks of shapes; a distance has no high frequencies."""
-    return {"hidden_features": sizes.width, "hidden_layers": sizes.layers, "omega": 30.0, "first_omega": 5.0}
-
-
 #: Called with the parameters, and with the optimiser and the number of steps.
 OPTIMIZER: Callable[..., Any] = partial(SOAP, lr=1e-3, betas=(0.95, 0.95), weight_decay=0.0, precondition_frequency=10)
 SCHEDULE = partial(warmup_cosine, warmup=0.1, floor=0.0)
@@ -172,11 +137,10 @@ def read_arguments() -> argparse.Namespace:
     parser.add_argument("source", help="mesh at t = 0")
     parser.add_argument("target", help="mesh at t = 1")
     parser.add_argument("film", help="ends in .mp4 or .gif")
-    parser.add_argument("--steps", type=int, default=3900, help="of the morph")
-    parser.add_argument("--fit-steps", type=int, default=1200, help="of each shape")
+    parser.add_argument("--steps", type=int, default=2000, help="of training")
     parser.add_argument("--points", type=int, default=5000, help="in a batch")
-    parser.add_argument("--width", type=int, default=128, help="of the networks")
-    parser.add_argument("--layers", type=int, default=6, help="of the networks")
+    parser.add_argument("--width", type=int, default=128, help="of the network of f")
+    parser.add_argument("--layers", type=int, default=6, help="of the network of f")
     parser.add_argument("--resolution", type=int, default=128, help="cells along the box for figures and film")
     parser.add_argument("--seconds", type=float, default=4.0, help="of the film, one way")
     parser.add_argument("--size", type=int, nargs=2, default=(1280, 720), help="of the film in pixels")

@@ -5,4 +5,14 @@ from nsm.sampling.domain import Box, UniformTime
 from nsm.sampling.moving import EndSurfaces, MovingSurface
 from nsm.sampling.pools import Pools
 
-__all__ = ["Batch", "Box", "EndSurfaces", "Fractions", "MorphSampler", "MovingSurface", "Pools", "SdfSampler", "UniformTime"]
+__all__ = [
+    "Batch",
+    "Box",
+    "EndSurfaces",
+    "Fractions",
+    "MorphSampler",
+    "MovingSurface",
+    "Pools",
+    "SdfSampler",
+    "UniformTime",
+]
