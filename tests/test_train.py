@@ -18,6 +18,7 @@ from runs import BARE, DISK, STILL, TINY, files, train_here
 from nsm import load_morph
 from nsm.checkpoint import load_shape
 from nsm.morph import NeuralMorph
+from nsm.shapes import Similarity
 from nsm.tasks.fit import SdfFit
 from nsm.types import Morph
 
@@ -105,8 +106,9 @@ def test_a_checkpoint_needs_nothing_but_itself(
     morph = load_morph(moved)
     assert isinstance(morph, Morph)
     x = torch.rand(9, 2) * 2 - 1
-    torch.testing.assert_close(morph.source(x), (x - torch.tensor([-0.5, 0.0])).norm(dim=1) - 0.3)
-    torch.testing.assert_close(morph.target(x), (x - torch.tensor([0.5, 0.0])).norm(dim=1) - 0.3)
+    scale = 0.9 / 0.8  # the disks reach from -0.8 to 0.8, and fill the box to 0.9
+    torch.testing.assert_close(morph.source(x), (x - scale * torch.tensor([-0.5, 0.0])).norm(dim=1) - scale * 0.3)
+    torch.testing.assert_close(morph.target(x), (x - scale * torch.tensor([0.5, 0.0])).norm(dim=1) - scale * 0.3)
     assert (morph(x, 0.5) * morph.source(x)).sum() > 0
 
 
@@ -167,9 +169,9 @@ def test_one_shape_alone_becomes_a_network_that_serves_as_an_end_of_a_morph(
     assert train_here(*bare, *ends, "steps=1", "validations=1", f"hydra.run.dir={morph}") == 0
     shape, loaded = load_shape(folder), load_morph(morph)
     entry = torch.load(morph / "checkpoints" / "last.ckpt", weights_only=True)["nsm"]
-    scale, x = entry["provenance"]["source"]["scale"], torch.rand(20, 3) - 0.5
-    moved = shape(x / scale - torch.tensor([0.1, 0.0, 0.0])) * scale
-    torch.testing.assert_close(loaded.source(x), moved, rtol=1e-4, atol=1e-5)
+    file_to_box = Similarity.read(entry["provenance"]["source"]["similarity"], 3)
+    move, x = file_to_box.after(shape.similarity.inverse()), torch.rand(20, 3) - 0.5
+    torch.testing.assert_close(loaded.source(x), move.scale * shape(move.pull_back(x)), rtol=1e-4, atol=1e-5)
 
 
 def test_a_mesh_becomes_a_network_in_the_same_command_once(
