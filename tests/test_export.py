@@ -98,7 +98,7 @@ def test_in_the_coordinates_of_a_file_its_fit_pose_and_scale_are_undone(larger: 
     ends = equal_volume(shape, other)
     assert (ends.source_scale < 1) == (larger == "source")
     morph = NeuralMorph(bowl(3, 2.5, 0.0), None, ends.source, ends.target).requires_grad_(False)
-    SourceInit()(morph.field, ends.source.network)
+    SourceInit()(morph.field, ends.source.folded())
     assert ends.source.provenance()["similarity"] == morph.source.similarity.to_config()
     file = save(morph, tmp_path / "a.ckpt")
 

@@ -14,7 +14,7 @@ import torch
 import trimesh
 
 from nsm.errors import InputError
-from nsm.shapes import Ball, MeshFile, Similarity
+from nsm.shapes import Ball, Box, MeshFile, Similarity
 
 SPHERE = trimesh.creation.icosphere(4, radius=2.0)
 POSE = {"rotation": [20, -35, 50], "translation": [0.05, 0, -0.05], "scale": 0.9}
@@ -87,6 +87,24 @@ def test_a_holed_mesh_keeps_its_inside_and_says_how_open_it_is(
     agree = (shape(x) < 0) == (ball < 0)
     assert agree[ball.abs() > 0.05].all()
     assert shape.volume() == pytest.approx(4 / 3 * math.pi * 0.8**3, rel=0.03)
+
+
+def test_parts_inside_others_are_left_out_and_holes_are_closed(tmp_path: Path, generator: torch.Generator) -> None:
+    # a box through a ball with a hole: neither the walls inside, nor the hole, are where the distance is 0
+    ball = trimesh.creation.icosphere(4)
+    ball.update_faces(ball.triangles_center[:, 2] < 0.93)
+    both = trimesh.util.concatenate([ball, trimesh.creation.box((2.4, 0.6, 0.6))])
+    shape = MeshFile(_export(both, tmp_path / "a.ply"), fit=None)
+    x = 1.3 * (2 * torch.rand(20000, 3, generator=generator) - 1)
+    exact = torch.minimum(Ball(1.0)(x), Box([2.4, 0.6, 0.6])(x))
+    away = exact.abs() > 0.1  # there the chord of the hole and the rounding of the ball make no difference of sign
+    assert ((shape(x) < 0) == (exact < 0))[away].all()
+    samples = shape.surface_samples(4000, generator).points
+    depth = torch.minimum(Ball(1.0)(samples), Box([2.4, 0.6, 0.6])(samples))
+    assert depth.min() > -0.09  # the depth of the hole
+    assert ((samples[:, 2] > 0.9) & (samples[:, :2].norm(dim=1) < 0.2)).any()
+    step = 1e-3 * torch.nn.functional.normalize(torch.randn(20000, 3, generator=generator), dim=1)
+    assert (shape(x + step) - shape(x)).abs().max() < 0.02
 
 
 def test_fit_and_pose_are_undone_by_the_provenance(tmp_path: Path) -> None:

@@ -183,15 +183,15 @@ class FieldShape(nn.Module, Shape):
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
         """Points drawn by area on the extracted surface, then moved to the zero level; normals ∇g/|∇g|."""
         drawn, _ = sample_mesh_surface(self.surface(), count, generator)
-        points, jet = newton_to_level(self.jet, drawn)
+        points, jet = newton_to_level(self.jet, drawn, steps=2)  # between vertices that lie on the surface
         return SurfaceSamples(points, nn.functional.normalize(jet.gradient, dim=1))
 
     @torch.no_grad()
     def distance_samples(
         self, count: int, generator: torch.Generator, bounds: Float[Tensor, "2 d"] | None = None
     ) -> DistanceSamples:
-        """Points with the values of the field, where it is a distance everywhere."""
-        surface = self.surface_samples(max(count // 2, 1), generator).points
+        """Points with true distances; the near ones lie around the extracted surface."""
+        surface, _ = sample_mesh_surface(self.surface(), max(count // 2, 1), generator)
         points = ambient_points(surface, count, generator, working_box(self.dim) if bounds is None else bounds)
         return DistanceSamples(points, self.true_distance(points))
 

@@ -22,6 +22,7 @@ from nsm.shapes.placing import FilePlacement, centered
 from nsm.shapes.primitive import Pose
 from nsm.shapes.sampling import sample_mesh_surface, simplex_normals
 from nsm.shapes.similarity import Similarity
+from nsm.shapes.solid import solid_boundary
 from nsm.types import Jet, SimplexMesh, SurfaceSamples
 
 log = logging.getLogger(__name__)
@@ -43,7 +44,8 @@ class MeshShape(FieldShape):
         vertices: how many there are; they are part of the state, in double precision and relative to the center of the
             mesh, so that a small mesh far from its origin loses nothing.
         faces: how many triangles there are; they are part of the state.
-        closed: whether the divergence theorem gives the volume, which is else measured on a grid.
+        closed: whether neighbors share their edges, so that the divergence theorem gives the volume, which is else
+            measured on a grid.
         pose: from the coordinates of the file to the box.
         placement: from coordinates relative to the center of the mesh to the box.
         origin: where the mesh comes from (part of the provenance).
@@ -155,7 +157,8 @@ class MeshShape(FieldShape):
 class MeshFile(MeshShape):
     """A triangle mesh from a file.
 
-    Vertices that the file splits at texture seams are welded, and a mesh inside out is turned.
+    Vertices that the file splits at texture seams are welded, and a mesh inside out is turned. Its surface is that of
+    the solid (`nsm.shapes.solid`): holes are closed, and what lies inside other parts of the mesh is left out.
 
     Args:
         path: an obj, ply, stl, off or glb file, or a public name such as ``meshes/spot.obj``.
@@ -178,16 +181,17 @@ class MeshFile(MeshShape):
         if state.edges:
             log.warning(
                 "%s is open: %d boundary edges in %d loops, and its oriented area does not close by %.2g %%; "
-                "its inside is where the winding number is above 1/2",
+                "its inside is where the winding number is above 1/2, and its holes are closed there",
                 *(path, state.edges, state.loops, 100 * state.gap),
             )
         placement = place.of_centered(vertices, center)
+        points, solid = solid_boundary(vertices.numpy(), faces, is_open=bool(state.edges))
         origin = {"kind": "mesh", "path": str(path), "sha256": file_sha256(file)}
         pose = placement.after(Similarity.shift(-center))
-        super().__init__(len(vertices), len(faces), not state.edges, pose, placement, origin)
+        super().__init__(len(points), len(solid), solid is faces, pose, placement, origin)
         self.openness = state
-        self.vertices.copy_(vertices)
-        self.faces.copy_(torch.from_numpy(faces))
+        self.vertices.copy_(torch.from_numpy(points))
+        self.faces.copy_(torch.from_numpy(solid))
 
 
 class _Distance(torch.autograd.Function):
