@@ -21,7 +21,7 @@ from nsm.morph import NeuralMorph
 from nsm.tasks.fit import SdfFit
 from nsm.types import Morph
 
-MESHES = {f"meshes/step_000012/t_{t:.3f}.obj" for t in (0.0, 0.25, 0.5, 0.75, 1.0)}
+MESHES = {f"meshes/best/t_{t:.3f}.obj" for t in (0.0, 0.25, 0.5, 0.75, 1.0)}
 WRITTEN = {
     "checkpoints/last.ckpt",
     "checkpoints/best.ckpt",
@@ -71,11 +71,16 @@ def test_a_run_warns_of_nothing_but_its_own_roughness(finished: tuple) -> None:
     assert "weights_only" not in said
 
 
-def test_the_summary_holds_the_figures_of_the_last_validation(finished: tuple) -> None:
+def test_the_summary_holds_the_figures_of_the_best_validation(finished: tuple) -> None:
     summary = json.loads((finished[0] / "summary.json").read_text())
     assert summary["steps"] == 12
     assert summary["val/distance"] > 0
-    assert summary["val/error"] == pytest.approx(summary["val/distance"] + summary["val/drift"])
+    parts = ("val/distance", "val/drift", "val/leftover")
+    assert summary["val/error"] == pytest.approx(sum(summary[part] for part in parts))
+    both_ways = (summary["val/shape_to_morph"] + summary["val/morph_to_shape"]) / 2
+    assert summary["val/distance"] == pytest.approx(both_ways)
+    best = torch.load(finished[0] / "checkpoints" / "best.ckpt", weights_only=True)
+    assert summary["best_step"] == best["global_step"]
     with (finished[0] / "volume.csv").open() as file:
         volumes = [float(row["volume"]) for row in csv.DictReader(file)]
     assert len(volumes) == 3
