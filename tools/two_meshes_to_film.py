@@ -72,7 +72,7 @@ def train(source: FieldShape, target: FieldShape, sizes: argparse.Namespace) -> 
             "dirichlet": AmbientDirichlet(5e3),
             "surface": SurfaceDirichlet(5e3),
             "volume": EndVolume(3e4),
-            "neumann": NormalAlignment(50, power=1),
+            "neumann": NormalAlignment(200, power=1),
             "eikonal": Eikonal(100),
         }
     )
