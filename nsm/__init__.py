@@ -9,8 +9,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from nsm.runtime import share_cores
+
 if TYPE_CHECKING:
     from nsm.checkpoint import load_morph
+
+share_cores()  # before anything imports torch
 
 __version__ = "0.1.0"
 __all__ = ["__version__", "load_morph"]

@@ -24,17 +24,16 @@ from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
 from nsm.configuration import CONF
-from nsm.fields import ScalarSiren
 from nsm.losses import Evaluation
 from nsm.runtime import keep_freed_memory
 from nsm.sampling import Batch
-from nsm.shapes import LandmarkPairs
+from nsm.shapes import LandmarkPairs, SirenShape
 
 SURFACE, AMBIENT, INTERIOR = 5_000, 5_000, 10_000
 DIM, WIDTH, DEPTH = 3, 128, 6
 LANDMARKS = 500
 #: Methods that are trained in steps.
-METHODS = ("adadiv", "nulldiv", "free", "penalty", "nise", "lf_insd", "insd", "lipmlp")
+METHODS = ("adadiv", "nulldiv", "free", "penalty", "nise", "nise_official", "lf_insd", "insd", "lipmlp")
 
 
 def main() -> None:
@@ -102,25 +101,25 @@ def weights(outputs: int) -> int:
     return (DEPTH - 1) * WIDTH**2 + WIDTH * outputs
 
 
-def make_step(method: str, block: int) -> Callable[[], None]:
+def make_step(method: str, block: int, points: int = SURFACE + AMBIENT + INTERIOR) -> Callable[[], None]:
     """One optimiser step of a method on random points, in blocks whose intermediate results stay in cache."""
     with initialize_config_dir(str(CONF), version_base="1.3"):
         cfg = compose("train", [f"method={method}"])
     made: Any = {part: instantiate(cfg[part], _convert_="all") for part in ("loss", "optimizer", "sampler")}
+    ends = (SirenShape(DIM, WIDTH, DEPTH, omega=30.0), SirenShape(DIM, WIDTH, DEPTH, omega=30.0))
     field, velocity = instantiate(cfg.field, in_features=DIM + 1), None
     if cfg.velocity:
         velocity = instantiate(cfg.velocity, dim=DIM)
-        velocity.attach(field, ScalarSiren(DIM, WIDTH, DEPTH).requires_grad_(False))
+        velocity.attach(field, ends[1])
     parameters = [*field.parameters(), *(velocity.parameters() if velocity else ())]
     optimizer = made["optimizer"](parameters)
-    points = SURFACE + AMBIENT + INTERIOR
     blocks = [random_batch(*made["sampler"]["fractions"].counts(block)) for _ in range(points // block)]
     landmarks = LandmarkPairs(torch.rand(LANDMARKS, DIM), torch.rand(LANDMARKS, DIM))
 
     def step() -> None:
         optimizer.zero_grad()
         for batch in blocks:
-            total, _ = made["loss"](Evaluation(batch, field, velocity, landmarks))
+            total, _ = made["loss"](Evaluation(batch, field, velocity, landmarks, ends=ends))
             (total / len(blocks)).backward()
         optimizer.step()
 
