@@ -13,11 +13,12 @@ from nsm.runtime import share_cores
 
 if TYPE_CHECKING:
     from nsm.checkpoint import load_morph
+    from nsm.exact_ends import ExactEnds
 
 share_cores()  # before anything imports torch
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "load_morph"]
+__all__ = ["ExactEnds", "__version__", "load_morph"]
 
 
 def __getattr__(name: str) -> Any:
@@ -26,4 +27,8 @@ def __getattr__(name: str) -> Any:
         from nsm.checkpoint import load_morph
 
         return load_morph
+    if name == "ExactEnds":
+        from nsm.exact_ends import ExactEnds
+
+        return ExactEnds
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -33,14 +33,15 @@ def main(cfg: DictConfig) -> None:
     times = moments("slices.times", config["slices"]["times"])
     plane = Plane(str(config["slices"]["axis"]), number("slices.offset", config["slices"]["offset"]))
     use_threads(config)
-    subjects = load_subjects(config, "nsm.evaluate")
+    named = load_subjects(config, "nsm.evaluate")
+    subjects = [column for subject in named for column in _columns(subject)]
     by_dim = {
         dim: {s.name: s.morph for s in subjects if s.morph.dim == dim}
         for dim in sorted({s.morph.dim for s in subjects})
     }
     for morphs in by_dim.values():
         require_slices(morphs, times, plane)
-    folder = Path(config["output"]) if config["output"] else output_folder(subjects, "evaluation")
+    folder = Path(config["output"]) if config["output"] else output_folder(named, "evaluation")
     with _progress() as bar:
         results = _measure(subjects, protocol, bar)
         files = write_evaluations(folder, {s.name: s.origin for s in subjects}, results, protocol)
@@ -79,6 +80,16 @@ def _progress() -> Progress:
     return Progress(*columns, console=Console(stderr=True))
 
 
+def _columns(subject: Subject) -> list[Subject]:
+    """A morph, and after one with exact ends that of its networks alone."""
+    if subject.network is None:
+        return [subject]
+    return [
+        subject,
+        subject._replace(name=f"{subject.name} (network)", morph=subject.network, exact=None, network=None),
+    ]
+
+
 def _measure(subjects: list[Subject], protocol: Protocol, bar: Progress) -> dict[str, Evaluation]:
     results = {}
     for subject in subjects:
@@ -90,7 +101,9 @@ def _measure(subjects: list[Subject], protocol: Protocol, bar: Progress) -> dict
             bar.update(task, completed=len(started), description=f"{name}: {stage}".replace("[", r"\["))
             started.append(stage)
 
-        results[subject.name] = evaluate_morph(subject.morph, protocol, tell)
+        result = evaluate_morph(subject.morph, protocol, tell)
+        flow = None if subject.exact is None else subject.exact.flow_error()
+        results[subject.name] = result._replace(flow=flow)
         bar.update(task, completed=STAGES, description=f"{subject.name}: measured".replace("[", r"\["))
     return results
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from nsm.settings import moments, positive, switch, use_threads, whole_number
 from nsm.shapes.download import file_sha256
 from nsm.subjects import Subject, load_subjects, output_folder
 from nsm.writers import gltf, usd
+
+log = logging.getLogger(__name__)
 
 #: Every format by its name; the first that can hold a morph is its default.
 FORMATS: dict[str, Format] = {
@@ -37,8 +40,13 @@ def main(cfg: DictConfig) -> None:
     use_threads(config)
     _require_known(config["format"])
     subject = _one(load_subjects(config, "nsm.export"))
+    chosen = _format(config["format"], subject.morph.dim)
+    morph = subject.morph
+    if isinstance(chosen, Program) and subject.network is not None:
+        log.info("format=%s holds the networks, so its ends are theirs, as with ends=network", config["format"])
+        morph = subject.network
     request = Request(
-        morph=subject.morph,
+        morph=morph,
         output=Path(config["output"]) if config["output"] else output_folder([subject], "export"),
         times=times,
         resolution=resolution,
@@ -48,9 +56,9 @@ def main(cfg: DictConfig) -> None:
         mesh=None if config["mesh"] is None else str(config["mesh"]),
         project=switch("project", config["project"]),
         seconds=positive("seconds", config["seconds"]),
-        identity={"morph": _content(subject), "growth": config["growth"]},
+        identity={"morph": _content(subject), "growth": config["growth"], "ends": config["ends"]},
     )
-    _format(config["format"], subject.morph.dim).export(request)
+    chosen.export(request)
 
 
 def _require_known(name: str | None) -> None:

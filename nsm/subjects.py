@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -9,12 +10,20 @@ from typing import Any, NamedTuple
 
 from nsm.checkpoint import find_checkpoint, load_morph, read_checkpoint
 from nsm.errors import InputError
+from nsm.exact_ends import ExactEnds
 from nsm.growth import Grown, build_growth
 from nsm.official import load_official, official_name
+from nsm.transported import has_velocity
 from nsm.types import Morph
+
+log = logging.getLogger(__name__)
 
 #: What ``checkpoint`` and ``official`` may be: nothing, one, or a list.
 Names = str | Sequence[str] | None
+
+
+#: What ``ends`` may be.
+ENDS = ("exact", "network")
 
 
 class Subject(NamedTuple):
@@ -23,14 +32,18 @@ class Subject(NamedTuple):
     Attributes:
         name: short, and different from the others'.
         origin: the checkpoint's path, or ``official/morphs/…``.
-        morph: ready for inference, with the changing volume that was asked for.
+        morph: ready for inference, with the ends and the changing volume that were asked for.
         folder: of the run, None for an official morph.
+        exact: the morph at constant volume if its ends are exact, else None.
+        network: the morph of the networks alone, with the changing volume; None where that is ``morph``.
     """
 
     name: str
     origin: str
     morph: Morph
     folder: Path | None
+    exact: ExactEnds | None = None
+    network: Morph | None = None
 
 
 def load_subjects(config: Mapping[str, Any], command: str) -> list[Subject]:
@@ -39,7 +52,9 @@ def load_subjects(config: Mapping[str, Any], command: str) -> list[Subject]:
     Args:
         config: ``checkpoint``, checkpoints or folders of runs; ``official``, names of published morphs; ``growth``,
             how their volume changes (`nsm.growth.build_growth`), relative to what each has. The volumes that a growth
-            takes by itself are those of the two shapes before they were scaled to one, which a checkpoint tells.
+            takes by itself are those of the two shapes before they were scaled to one, which a checkpoint tells;
+            ``ends``, whether those of a checkpoint's morph are the shapes themselves or the networks'. Published morphs
+            are as their authors made them.
         command: for the sentence when nothing is named.
 
     Raises:
@@ -52,16 +67,47 @@ def load_subjects(config: Mapping[str, Any], command: str) -> list[Subject]:
             f"no morph is named: type python -m {command} checkpoint=PATH (a .ckpt file or the folder of a run), or "
             "official=kitten_fandisk for one of the authors'"
         )
-    growth = config["growth"]
-    ours = [
-        Subject(name, str(file), _grown(load_morph(file), growth, _scales(file)), run_folder(file))
-        for name, file in zip(_short_names(files), files, strict=True)
-    ]
+    growth, ends = config["growth"], known_ends(config["ends"])
+    ours = [_subject(name, file, growth, ends) for name, file in zip(_short_names(files), files, strict=True)]
     theirs = [  # which were not scaled
         Subject(f"{name} (official)", f"official/morphs/{name}", _grown(load_official(name), growth, (1.0, 1.0)), None)
         for name in pairs
     ]
     return ours + theirs
+
+
+def known_ends(ends: Any) -> str:
+    """The setting ``ends``: ``exact`` for the shapes themselves at the ends, ``network`` for the networks'.
+
+    Raises:
+        InputError: if it is neither.
+    """
+    if ends not in ENDS:
+        raise InputError(f"`ends` must be {' or '.join(ENDS)}, got {ends}. Try `ends=exact`.")
+    return str(ends)
+
+
+def with_ends(morph: Morph, ends: str, name: str) -> Morph:
+    """A morph of networks with the ends that were asked for.
+
+    Without a velocity, detail cannot be carried: the morph is given back as it is, and a line in the log says so.
+    """
+    if ends == "network":
+        return morph
+    if has_velocity(morph):
+        return ExactEnds(morph)
+    log.info("%s has no velocity to carry detail along: its ends are those of the network, as with ends=network", name)
+    return morph
+
+
+def _subject(name: str, file: Path, growth: Mapping[str, Any] | None, ends: str) -> Subject:
+    """The morph of a checkpoint."""
+    network, scales = load_morph(file), _scales(file)
+    morph = with_ends(network, ends, name)
+    bare = _grown(network, growth, scales)
+    if not isinstance(morph, ExactEnds):
+        return Subject(name, str(file), bare, run_folder(file))
+    return Subject(name, str(file), _grown(morph, growth, scales), run_folder(file), morph, bare)
 
 
 def _grown(morph: Morph, config: Mapping[str, Any] | None, scales: tuple[float, float]) -> Morph:

@@ -85,14 +85,19 @@ class LevelProjection:
         return projected.points
 
 
+def has_velocity(morph: Morph) -> bool:
+    """Whether the method of a morph has a velocity."""
+    with torch.no_grad():
+        return morph.velocity(morph.bounds.mean(0, keepdim=True), 0.0) is not None
+
+
 def velocity_of(morph: Morph) -> VelocityField:
     """The velocity V(x, t) (n, d) of a morph.
 
     Raises:
         InputError: if its method has none.
     """
-    middle = morph.bounds.mean(0, keepdim=True)
-    if morph.velocity(middle, 0.0) is None:
+    if not has_velocity(morph):
         raise InputError(
             "this morph has no velocity, so nothing can be carried along it: give one that was trained with a "
             "velocity, such as by method=adadiv"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,7 +14,7 @@ import torch
 
 from nsm import entry
 from nsm.checkpoint import describe
-from nsm.fields import ScalarSiren
+from nsm.fields import Free, ScalarSiren, VectorSiren
 from nsm.morph import NeuralMorph
 from nsm.shapes import Ball, FieldShape
 
@@ -52,6 +53,22 @@ def shrinking(dim: int, rise: float, source: FieldShape | None = None) -> Neural
     return morph.requires_grad_(False)
 
 
+def turning(dim: int, spin: float, source: FieldShape | None = None) -> NeuralMorph:
+    """A ball at rest, with a velocity that turns it about the last axis (the middle in 2D) by an angle."""
+    velocity = Free(dim, partial(VectorSiren, hidden_features=dim, hidden_layers=1, omega=1.0))
+    hidden, last = velocity.network.linear_layers
+    with torch.no_grad():
+        hidden.weight.zero_()
+        hidden.bias.zero_()
+        hidden.weight[:, :dim] = 1e-3 * torch.eye(dim)  # sin is linear there
+        last.bias.zero_()
+        last.weight.zero_()
+        last.weight[0, 1], last.weight[1, 0] = -1e3 * spin, 1e3 * spin
+    middle = [0.0] * dim
+    morph = NeuralMorph(bowl(dim, dim - 0.5, 0.0), velocity, source or Ball(0.4, middle), Ball(0.4, middle))
+    return morph.requires_grad_(False)
+
+
 def save(morph: NeuralMorph, file: Path, **entry_values: Any) -> Path:
     """Write a morph as a checkpoint; ``entry_values`` replace what stands under ``nsm``."""
     field = morph.field
@@ -64,7 +81,7 @@ def save(morph: NeuralMorph, file: Path, **entry_values: Any) -> Path:
             "hidden_layers": field.hidden_layers,
             "omega": list(field.omegas),
         },
-        "velocity": None,
+        "velocity": None if morph.velocity_field is None else _free(morph.velocity_field),
         "source": morph.source.config(),
         "target": morph.target.config(),
     }
@@ -73,6 +90,13 @@ def save(morph: NeuralMorph, file: Path, **entry_values: Any) -> Path:
     file.parent.mkdir(parents=True, exist_ok=True)
     torch.save({"nsm": describe(model, {}, provenance) | entry_values, "state_dict": state}, file)
     return file
+
+
+def _free(velocity: Free) -> dict[str, Any]:
+    network = velocity.network
+    sizes = {"hidden_features": network.hidden_features, "hidden_layers": network.hidden_layers}
+    described = {"_target_": "nsm.fields.VectorSiren", "_partial_": True, **sizes, "omega": network.omegas[0]}
+    return {"_target_": "nsm.fields.Free", "dim": velocity.dim, "network": described}
 
 
 def unreadable(folder: Path) -> dict[str, tuple[Path, str]]:

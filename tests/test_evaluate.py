@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from analytic import run_here, save, sentence, shrinking, unreadable
+from analytic import run_here, save, sentence, shrinking, turning, unreadable
 
 from nsm import evaluate
 from nsm.metrics import Protocol, evaluate_morph
@@ -69,9 +69,37 @@ def test_several_morphs_share_a_table(tmp_path: Path, capfd: pytest.CaptureFixtu
 
 def test_several_morphs_go_into_a_folder_of_their_own(tmp_path: Path) -> None:
     files = [save(shrinking(2, rise), tmp_path / f"{rise}.ckpt") for rise in (0.1, 0.2)]
-    subjects = load_subjects({"checkpoint": [str(f) for f in files], "official": None, "growth": None}, "nsm.evaluate")
+    subjects = load_subjects(
+        {"checkpoint": [str(f) for f in files], "official": None, "growth": None, "ends": "exact"}, "nsm.evaluate"
+    )
     assert output_folder(subjects, "evaluation").parts[:2] == ("outputs", "evaluations")
     assert len({subject.name for subject in subjects}) == 2
+
+
+def test_exact_ends_stand_beside_the_network(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    file = save(turning(2, 0.7), tmp_path / "disk" / "checkpoints" / "best.ckpt")
+    assert run_here(evaluate, f"checkpoint={file}", "output=results", *SMALL, "surface_resolution=64") == 0
+    told = json.loads((tmp_path / "results" / "metrics.json").read_text())["morphs"]
+    assert list(told) == ["disk", "disk (network)"]
+    exact, network = (morph["figures"] for morph in told.values())
+    for t in (0, 1):
+        assert exact[f"morph to shape t={t}"] < 1e-4
+        assert exact[f"normal error t={t}"] < 0.5
+        assert network[f"morph to shape t={t}"] > 0.1
+    assert exact["flow map"] < 1e-4
+    assert exact["flow map max"] < 1e-3
+    assert told["disk"]["flow"]["mean"] == exact["flow map"]
+    assert "flow map" not in network
+    assert "disk (network)" in capfd.readouterr().out
+    assert (tmp_path / "results" / "strip.png").is_file()
+
+
+def test_the_network_alone(tmp_path: Path) -> None:
+    file = save(turning(2, 0.7), tmp_path / "disk" / "checkpoints" / "best.ckpt")
+    assert run_here(evaluate, f"checkpoint={file}", "output=results", *SMALL, "ends=network") == 0
+    told = json.loads((tmp_path / "results" / "metrics.json").read_text())["morphs"]
+    assert list(told) == ["disk"]
+    assert told["disk"]["figures"]["morph to shape t=0"] > 0.1
 
 
 def test_a_narrow_terminal_shows_whole_numbers(
@@ -88,7 +116,7 @@ def test_a_narrow_terminal_shows_whole_numbers(
 
 def test_the_same_name_is_given_once(tmp_path: Path) -> None:
     files = [save(shrinking(2, 0.1), tmp_path / str(i) / "x" / "run" / "checkpoints" / "best.ckpt") for i in range(3)]
-    config = {"checkpoint": [str(f) for f in files], "official": None, "growth": None}
+    config = {"checkpoint": [str(f) for f in files], "official": None, "growth": None, "ends": "exact"}
     names = [s.name for s in load_subjects(config, "nsm.evaluate")]
     assert names == ["0/x/run", "1/x/run", "2/x/run"]
 
@@ -142,6 +170,7 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("official=kitten_fandisk", "times=2.5"), "times=2.5 cannot be: give"),
         (("official=kitten_fandisk", "volume_resolution=0"), "volume_resolution=0 cannot be"),
         (("official=kitten_fandisk", "threads=0"), "threads=0 cannot be"),
+        (("official=kitten_fandisk", "ends=soft"), "`ends` must be exact or network, got soft"),
         (("official=kitten_fandisk", "shell_width=0"), "shell_width=0 cannot be: give a number above 0"),
         (("official=kitten_fandisk", "shell_width=wide"), "shell_width=wide cannot be: give a number above 0"),
         (("official=kitten_fandisk", "slices.times=[soon]"), "slices.times=['soon'] names no times"),

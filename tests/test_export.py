@@ -8,21 +8,20 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 import trimesh
-from analytic import FREQUENCY, bowl, run_here, save, sentence, shrinking, unreadable
+from analytic import FREQUENCY, bowl, run_here, save, sentence, shrinking, turning, unreadable
 
 from nsm import export, frames
 from nsm.exporters import surfaces
-from nsm.fields import Free, SourceInit, VectorSiren
+from nsm.fields import SourceInit
 from nsm.frames import extract_frame
 from nsm.morph import NeuralMorph
-from nsm.shapes import Ball, Similarity, SirenShape, equal_volume
+from nsm.shapes import Ball, Similarity, SirenShape, equal_volume, primitive
 from nsm.shapes.textured import Attributes
 from nsm.writers import write_mesh
 
@@ -247,24 +246,9 @@ def test_frames_of_a_growing_morph(tmp_path: Path) -> None:
 
 
 def _pushed(tmp_path: Path) -> tuple[NeuralMorph, Path]:
-    """A ball at rest, with a velocity that turns it about the third axis, as a checkpoint."""
-    morph = shrinking(3, 0.0)
-    turning = Free(3, partial(VectorSiren, hidden_features=3, hidden_layers=1, omega=1.0))
-    hidden, last = turning.network.linear_layers
-    with torch.no_grad():
-        hidden.weight.zero_()
-        hidden.bias.zero_()
-        hidden.weight[:3, :3] = 1e-3 * torch.eye(3)  # sin is linear there
-        last.bias.zero_()
-        last.weight.copy_(1e3 * torch.tensor([[0.0, -SPIN, 0.0], [SPIN, 0.0, 0.0], [0.0, 0.0, 0.0]]))
-    morph = NeuralMorph(morph.field, turning, Ball(0.4, [0.0] * 3), Ball(0.4, [0.0] * 3)).requires_grad_(False)
-    network = {"_target_": "nsm.fields.VectorSiren", "_partial_": True}
-    network |= {"hidden_features": 3, "hidden_layers": 1, "omega": 1.0}
-    file = save(morph, tmp_path / "turning.ckpt")
-    content = torch.load(file, weights_only=True)
-    content["nsm"]["model"]["velocity"] = {"_target_": "nsm.fields.Free", "dim": 3, "network": network}
-    torch.save(content, file)
-    return morph, file
+    """A ball that turns about the third axis, as a checkpoint."""
+    morph = turning(3, SPIN)
+    return morph, save(morph, tmp_path / "turning.ckpt")
 
 
 @pytest.mark.parametrize("kind", ["ply", "glb"])
@@ -360,6 +344,7 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("format=pt2", "frame=source"), "frame=source asks for others"),
         (("frame=world",), "frame=world is not known: give one of morph, source, target"),
         (("threads=-1",), "threads=-1"),
+        (("ends=mesh",), "`ends` must be exact or network, got mesh. Try `ends=exact`."),
         (("checkpoint=null", "official=cow_dog"), "official=cow_dog is no morph that the authors published"),
         (("output=a.ckpt",), "cannot be written"),
     ],
@@ -371,6 +356,40 @@ def test_what_cannot_be_exported(
     assert run_here(export, f"checkpoint={file}", *overrides) == 2
     assert words in sentence(capfd.readouterr().err)
     assert _names(tmp_path) == ["a.ckpt"]
+
+
+@pytest.mark.parametrize("ends", ["exact", "network"])
+def test_the_first_frame_is_the_shape_or_what_the_network_makes_of_it(ends: str, tmp_path: Path) -> None:
+    source = primitive.Box([0.7, 0.6, 0.5])
+    morph = turning(3, SPIN, source)
+    file = save(morph, tmp_path / "a.ckpt")
+    command = (f"checkpoint={file}", "times=[0,0.5]", "resolution=32", f"ends={ends}", "output=o")
+    assert run_here(export, *command) == 0
+    vertices = torch.tensor(np.array(_mesh(tmp_path / "o" / "frame_0000.ply").vertices), dtype=torch.float32)
+    away = {"exact": source(vertices), "network": morph(vertices, 0.0)}
+    assert away[ends].abs().max() < 0.02
+    assert away["exact" if ends == "network" else "network"].abs().max() > 0.1
+    # a frame of other ends is another frame
+    assert run_here(export, *command[:3], f"ends={'network' if ends == 'exact' else 'exact'}", "output=o") == 2
+
+
+def test_formats_of_networks_hold_the_networks(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    file = save(turning(3, SPIN), tmp_path / "a.ckpt")
+    assert run_here(export, f"checkpoint={file}", "format=safetensors", "output=o") == 0
+    assert "format=safetensors holds the networks, so its ends are theirs" in sentence(capfd.readouterr().out)
+    assert (tmp_path / "o" / "morph.safetensors").is_file()
+
+
+def test_without_a_velocity_the_ends_are_those_of_the_network(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    morph = shrinking(3, 0.2)
+    file = save(morph, tmp_path / "still" / "checkpoints" / "best.ckpt")
+    assert run_here(export, f"checkpoint={file}", "times=[0]", "resolution=16", "output=o") == 0
+    said = sentence(capfd.readouterr().out)
+    assert "still has no velocity to carry detail along: its ends are those of the network" in said
+    vertices = torch.tensor(np.array(_mesh(tmp_path / "o" / "frame_0000.ply").vertices), dtype=torch.float32)
+    assert morph(vertices, 0.0).abs().max() < 0.02
 
 
 def test_one_morph_at_a_time(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -201,6 +201,7 @@ def test_a_checkpoint_tells_the_volumes_of_its_shapes(tmp_path: Path):
     provenance = {"source": {"scale": 1.0}, "target": {"scale": 0.5}}
     file = save(morph, tmp_path / "run" / "checkpoints" / "best.ckpt", provenance=provenance)
     known = {"checkpoint": str(file), "official": None, "growth": configured("growth=volume_linear")}
+    known |= {"ends": "network"}
     (subject,) = load_subjects(known, "nsm.evaluate")
     assert isinstance(subject.morph, Grown)
     assert [subject.morph.growth.relative_volume(t) for t in (0.0, 0.5, 1.0)] == pytest.approx([1, 4.5, 8])

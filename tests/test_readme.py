@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from nsm.configuration import CONF
 from nsm.study.plan import read_study
-from tests.analytic import save, shrinking
+from tests.analytic import save, turning
 from tests.runs import composed
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -61,7 +61,7 @@ def test_the_files_that_it_shows_and_names_are_there() -> None:
 
 
 def test_the_library_snippet_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    save(shrinking(3, 0.1), tmp_path / "outputs" / "demo" / "checkpoints" / "best.ckpt")
+    save(turning(3, 0.1), tmp_path / "outputs" / "demo" / "checkpoints" / "best.ckpt")
     monkeypatch.chdir(tmp_path)
     (snippet,) = (block for kind, block in BLOCKS if kind == "python")
     exec(snippet, {})  # our own README

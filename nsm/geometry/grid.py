@@ -63,6 +63,10 @@ class Lattice(NamedTuple):
         """Points (..., d) at indices (..., d), which need not be whole."""
         return self.origin + self.step * index
 
+    def indices(self) -> Int[Tensor, "n d"]:
+        """Indices of all points, shape (n, d), the last axis fastest."""
+        return _indices(self.shape, self.step.device)
+
 
 class Window(NamedTuple):
     """Part of a lattice from index ``low`` on: values, exact where ``known``, elsewhere of the right sign."""

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from nsm.geometry.flow import FlowError
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.transport import DEFAULT_METHOD
 from nsm.metrics import endpoint, events, residuals, surface
@@ -64,6 +65,7 @@ class Evaluation(NamedTuple):
         space: residuals around the surface and in the box at each time.
         events: changes of topology, in order of time.
         transport: of the source by V; None for a method without velocity.
+        flow: Error of the flow maps that make the ends exact; None for a morph without them.
     """
 
     volume: VolumeCurve
@@ -72,6 +74,7 @@ class Evaluation(NamedTuple):
     space: tuple[SpaceResiduals, ...]
     events: tuple[TopologyEvent, ...]
     transport: TransportCheck | None
+    flow: FlowError | None = None
 
     @property
     def motion(self) -> Motion:
@@ -87,7 +90,8 @@ class Evaluation(NamedTuple):
         }
         for end in self.ends:
             named |= {f"{name}{AT}{end.time:g}": value for name, value in _end_figures(end).items()}
-        return named | self._equation_figures() | self._transport_figures() | self._surface_figures()
+        named |= self._equation_figures() | self._transport_figures() | self._surface_figures()
+        return named | ({} if self.flow is None else _flow_figures(self.flow))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as JSON takes it: numbers that are not defined become None."""
@@ -118,6 +122,7 @@ class Evaluation(NamedTuple):
                 },
                 "events": [e._asdict() for e in self.events],
                 "transport": None if self.transport is None else _transport_dict(self.transport),
+                "flow": None if self.flow is None else self.flow._asdict(),
             }
         )
 
@@ -216,6 +221,10 @@ def _end_figures(end: EndpointErrors) -> dict[str, float]:
         "normal error": end.normal_error,
         "volume error": end.volume_error,
     }
+
+
+def _flow_figures(error: FlowError) -> dict[str, float]:
+    return {"flow map": error.mean, "flow map max": error.maximum, "carried detail": error.field}
 
 
 def _transport_dict(check: TransportCheck) -> dict[str, Any]:

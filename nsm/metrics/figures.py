@@ -64,6 +64,9 @@ MEANINGS = {
     "most components": Meaning("count", "connected components of the surface, however small"),
     "most handles": Meaning("count", "genus of the surface, all components together"),
     "topology events": Meaning("count", "changes of components or genus over time"),
+    "flow map": Meaning("length", "exact ends: mean error of the flow maps of V against direct integration"),
+    "flow map max": Meaning("length", "the same at the worst of the points"),
+    "carried detail": Meaning("length", "mean error of f that follows from it, on the surface between the ends"),
 }
 
 

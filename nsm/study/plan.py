@@ -13,6 +13,7 @@ from nsm.errors import InputError
 from nsm.metrics import Protocol
 from nsm.official import PAIRS
 from nsm.settings import whole_number
+from nsm.subjects import known_ends
 
 #: What the name of a pair or of a method may be made of, since folders and files are called after it.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
@@ -55,6 +56,7 @@ class Study(NamedTuple):
         threads: of one run and of the evaluation; None takes all cores.
         official: whether the authors' morphs are a row too, where they published one.
         checkpoint: which of a run is looked at, ``last`` or ``best``.
+        ends: of each run, ``exact`` or ``network``.
         protocol: of the evaluation.
         folder: where everything goes.
     """
@@ -68,6 +70,7 @@ class Study(NamedTuple):
     threads: int | None
     official: bool
     checkpoint: str
+    ends: str
     protocol: Protocol
     folder: Path
 
@@ -109,6 +112,7 @@ def read_study(config: Mapping[str, Any]) -> Study:
         None if config["threads"] is None else whole_number("threads", config["threads"], 1),
         bool(config["official"]),
         config["checkpoint"],
+        known_ends(config["ends"]),
         Protocol(**protocol),
         Path(config["output"]),
     )

@@ -91,7 +91,7 @@ def _facts(study: Study) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "threads": study.threads,
         "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu",
-        "evaluation": study.protocol.describe() | {"checkpoint": study.checkpoint},
+        "evaluation": study.protocol.describe() | {"checkpoint": study.checkpoint, "ends": study.ends},
     }
 
 

@@ -14,11 +14,13 @@ from typing import Any
 import nsm
 from nsm.checkpoint import load_morph
 from nsm.errors import InputError
+from nsm.exact_ends import ExactEnds
 from nsm.files import whole_file
 from nsm.metrics import MEANINGS, Protocol, evaluate_morph
 from nsm.official import load_official
 from nsm.study.plan import OFFICIAL, Choice, Job, Study, official_pair
 from nsm.study.record import DONE, FAILED, read_record
+from nsm.subjects import with_ends
 from nsm.types import Morph
 
 #: Rows at the end of a log of which the mean is taken, since one batch alone is noisy.
@@ -40,6 +42,7 @@ class Result:
         training_s, step_s, preparing_s: seconds; None where unknown.
         terms: the weighted terms of the loss at the end of training.
         checkpoint: the file that was looked at.
+        ends: of the morph, ``exact`` or ``network``.
     """
 
     pair: str
@@ -55,13 +58,16 @@ class Result:
     preparing_s: float | None = None
     terms: dict[str, float] = field(default_factory=dict)
     checkpoint: str | None = None
+    ends: str = "network"
 
     def morph(self) -> Morph:
         """The morph itself, loaded anew."""
         if self.checkpoint is None:
             raise ValueError(f"{self.method} made no morph of {self.pair}")
         official = self.checkpoint.removeprefix(_PUBLISHED)
-        return load_morph(self.checkpoint) if official == self.checkpoint else load_official(official)
+        if official != self.checkpoint:
+            return load_official(official)
+        return with_ends(load_morph(self.checkpoint), self.ends, f"{self.pair}/{self.method}")
 
 
 #: What the checkpoint of an official morph begins with.
@@ -70,7 +76,7 @@ _PUBLISHED = "official/morphs/"
 
 def result_of_run(study: Study, job: Job, tell: Tell) -> Result:
     """Evaluate a run, unless its checkpoint was evaluated under this protocol before."""
-    bare = Result(job.pair, job.method, job.seed)
+    bare = Result(job.pair, job.method, job.seed, ends=study.ends)
     record = read_record(job.folder)
     if record is None or record.state != DONE:
         state = record.state if record else "not begun"
@@ -80,8 +86,16 @@ def result_of_run(study: Study, job: Job, tell: Tell) -> Result:
     file = job.folder / "checkpoints" / f"{study.checkpoint}.ckpt"
     bare = replace(_timed(bare, job.folder), steps=record.steps, terms=_last_terms(job.folder))
     try:
-        key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest()}
-        return _evaluated(bare, job.folder, key, lambda: load_morph(file), study.protocol, tell, str(file))
+        key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends}
+        return _evaluated(
+            bare,
+            job.folder,
+            key,
+            lambda: with_ends(load_morph(file), study.ends, job.name),
+            study.protocol,
+            tell,
+            str(file),
+        )
     except (InputError, OSError, ValueError, RuntimeError) as error:  # one row must not end the study
         return replace(bare, reason=f"it could not be evaluated: {error}")
 
@@ -117,10 +131,10 @@ def _evaluated(
     file = folder / "evaluation.json"
     kept = json.loads(file.read_text()) if file.is_file() else {}
     if kept.get("key") != key:
-        kept = {
-            "key": key,
-            **evaluate_morph(load(), protocol, lambda stage: tell(f"{bare.pair}/{bare.method}: {stage}")).to_dict(),
-        }
+        morph = load()
+        result = evaluate_morph(morph, protocol, lambda stage: tell(f"{bare.pair}/{bare.method}: {stage}"))
+        result = result._replace(flow=morph.flow_error() if isinstance(morph, ExactEnds) else None)
+        kept = {"key": key, **result.to_dict()}
         with whole_file(file) as temporary:
             temporary.write_text(json.dumps(kept, indent=2) + "\n")
     curve = kept["volume"]
