@@ -14,7 +14,7 @@ import torch
 import trimesh
 import wandb
 from problems import translating_ball
-from runs import DISK, TINY, files, train_here
+from runs import BARE, DISK, TINY, files, train_here
 
 from nsm.frames import extract_frame
 from nsm.tasks import MorphTask
@@ -73,6 +73,22 @@ def test_the_volume_history_survives_a_stop(tmp_path: Path, monkeypatch: pytest.
     assert train_here(*DISK, f"hydra.run.dir={tmp_path}", "resume=true") == 0
     assert set(history(tmp_path)) >= {6, 12}
     assert "strip.png" in files(tmp_path)
+
+
+def test_terms_are_logged_only_where_a_row_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    noted: list[int] = []
+    undisturbed = MorphTask.log
+
+    def counted(self: MorphTask, name: str, *args: Any, **kwargs: Any) -> None:
+        noted.extend([self.global_step] if name == "train/loss" else [])
+        undisturbed(self, name, *args, **kwargs)
+
+    monkeypatch.setattr(MorphTask, "log", counted)
+    assert train_here(*BARE, "trainer.log_every_n_steps=5", f"hydra.run.dir={tmp_path}") == 0
+    with (tmp_path / "log" / "metrics.csv").open(newline="") as file:
+        written = [int(row["step"]) for row in csv.DictReader(file) if row["train/loss"]]
+    assert written == [4, 9, 11]
+    assert noted == [5, 10, 12]
 
 
 def test_tensorboard_gets_curves_and_pictures(tmp_path: Path) -> None:

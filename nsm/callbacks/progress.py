@@ -10,7 +10,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
 
-#: What the line shows of the logged figures, under which name, and how.
+from nsm.tasks import FieldTask
+
+#: What the line shows of the figures, under which name, and how.
 _FIGURES = {
     "train/loss": "loss {:.3g}",
     "val/error": "error {:.2g}",
@@ -59,12 +61,13 @@ class Progress(ProgressBar):
         self._task = self._bar.add_task("", total=trainer.max_steps, completed=trainer.global_step, figures="")
         self._bar.start()
 
-    def on_train_batch_end(
-        self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, batch: Any, batch_idx: int
+    def on_train_batch_end(  # type: ignore[override]
+        self, trainer: L.Trainer, pl_module: FieldTask, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
         """Move on."""
         if self._bar is not None:
-            known = {name: float(v) for name in _FIGURES if (v := trainer.callback_metrics.get(name)) is not None}
+            measured = {**trainer.callback_metrics, **pl_module.latest}
+            known = {name: float(v) for name in _FIGURES if (v := measured.get(name)) is not None}
             figures = "  ".join(_FIGURES[name].format(value) for name, value in known.items())
             self._bar.update(self._task, completed=trainer.global_step, figures=figures)
 

@@ -38,6 +38,8 @@ class FieldTask(L.LightningModule):
         self.loss, self.optimizer, self.scheduler = loss, optimizer, scheduler
         #: Lowered after a collapse; multiplies every learning rate from the step where training goes on.
         self.step_scale = 1.0
+        #: The loss and its terms at the last step, under the names by which they are logged.
+        self.latest: dict[str, Tensor] = {}
         #: Plain values that a checkpoint carries under ``nsm`` (`nsm.checkpoint.describe`).
         self.description: dict[str, Any] = {}
 
@@ -49,21 +51,26 @@ class FieldTask(L.LightningModule):
         """Take from an evaluation what the next batch needs; nothing by default."""
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
-        """One loss; each term is logged as ``train/<name>``."""
+        """One loss; it and its terms are kept in ``latest``."""
         evaluation = self.evaluation(batch)
         total, terms = self.loss(evaluation)
         if not torch.isfinite(total):
             broken = [name for name, value in terms.items() if not torch.isfinite(value)]
             raise Collapse(f"the loss {', '.join(broken)} is not finite at step {self.global_step}")
-        self.log_dict({f"train/{name}": value for name, value in terms.items()})
-        self.log("train/loss", total.detach(), prog_bar=True)
+        self.latest = {f"train/{name}": value for name, value in terms.items()} | {"train/loss": total.detach()}
         self.learn_from(evaluation)
         return total
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:
-        """Let the last step be validated, wherever it lies between two validations."""
+        """Log the terms where a row is written, and let the last step be validated, wherever it lies.
+
+        Lightning takes a noticeable part of a step to note values that it then writes every ``log_every_n_steps`` only.
+        """
         if self.global_step >= self.trainer.max_steps:
             self.trainer.should_stop = True
+        every = self.trainer.log_every_n_steps  # type: ignore[attr-defined]
+        if every and (self.global_step % every == 0 or self.trainer.should_stop):
+            self.log_dict(self.latest)
 
     def configure_optimizers(self) -> Any:
         """One optimiser for all parameters, so that one step moves every network at once."""

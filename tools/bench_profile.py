@@ -1,0 +1,149 @@
+"""Where the time of a whole training step goes, in the training command itself.
+
+    python tools/bench_profile.py [--steps 60] [--threads 2] [overrides of python -m nsm.train …]
+
+Trains the default pair with the default configuration, its own batch size, Lightning's loop, logger, progress bar and
+callbacks, and takes the time of every part: a part's time is what passes in its functions, less what passes in those
+of another part that they call. Steps are counted from the end of one to the end of the next, so drawing the batch is
+inside and validation is not; those before the optimizer has its bases do not count. Only the start of f differs from
+the default: random weights, which cost no fit. At least 85 % of a step must be sweeps and the optimizer's products.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+
+import lightning as L
+import pytorch_optimizer
+import torch
+from lightning.pytorch.loops.optimization.automatic import Closure
+from lightning.pytorch.trainer.connectors.logger_connector.logger_connector import _LoggerConnector
+
+from nsm import calculus, entry, train
+from nsm.callbacks import Progress
+from nsm.sampling import MorphSampler, MovingSurface
+from nsm.tasks import FieldTask
+
+#: Parts that ought to be all of a step, and how much of it they must be.
+USEFUL, LEAST = ("sweeps of the networks", "products of the optimizer"), 0.85
+#: Steps that do not count.
+WARM_UP = 12
+SWEEPS = (calculus._ScalarSweep, calculus._TangentSweep)
+LOSSES, REST = "losses, forward and backward", "everything else"
+#: Part → functions whose time is its own.
+PARTS: dict[str, list[tuple[Any, str]]] = {
+    USEFUL[0]: [(sweep, name) for sweep in SWEEPS for name in ("forward", "backward")],
+    USEFUL[1]: [(torch, "tensordot"), (pytorch_optimizer.SOAP, "get_orthogonal_matrix_qr")],
+    "rest of the optimizer": [(pytorch_optimizer.SOAP, "step")],
+    LOSSES: [(FieldTask, "training_step"), (torch.Tensor, "backward")],
+    "sampling": [(MorphSampler, "draw"), (MovingSurface, "place"), (MovingSurface, "follow")],
+    "logging and progress": [
+        (FieldTask, "on_train_batch_end"),
+        (L.LightningModule, "log"),
+        (L.LightningModule, "log_dict"),
+        (Progress, "on_train_batch_end"),
+        *[(_LoggerConnector, name) for name in ("on_batch_start", "on_batch_end", "update_train_step_metrics")],
+    ],
+    REST: [(Closure, "__call__")],
+}
+
+
+def main() -> None:
+    """Train, and print the table."""
+    arguments, overrides = read_arguments()
+    clock = Clock(arguments.steps)
+    for part, functions in PARTS.items():
+        for owner, name in functions:
+            clock.watch(part, owner, name)
+    clock.count(FieldTask, "on_train_batch_end")
+    with tempfile.TemporaryDirectory() as folder:
+        # no validation before the last step has been counted, and nothing drawn after it
+        fixed = [f"steps={clock.last}", "validations=1", "callbacks=none", "init=siren", f"hydra.run.dir={folder}"]
+        sys.argv[1:] = [*fixed, f"threads={arguments.threads}", *overrides]
+        entry.run(train.main, "train")
+    total = sum(clock.seconds.values())
+    print(f"\n{arguments.steps} steps on {arguments.threads} threads, {total / arguments.steps * 1e3:.1f} ms each\n")
+    print("| part of a step | ms | share |\n|---|---|---|")
+    for part in PARTS:
+        print(f"| {part} | {clock.seconds[part] / arguments.steps * 1e3:.2f} | {clock.seconds[part] / total:.1%} |")
+    useful = sum(clock.seconds[part] for part in USEFUL) / total
+    print(f"\nsweeps and the optimizer's products are {useful:.1%} of a step (asked for: at least {LEAST:.0%})")
+    sys.exit(useful < LEAST)
+
+
+def read_arguments() -> tuple[argparse.Namespace, list[str]]:
+    """The command line, and what of it is for the training command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", type=int, default=60, help="that count")
+    parser.add_argument("--threads", type=int, default=2)
+    return parser.parse_known_args()
+
+
+class Clock:
+    """Gives the time that passes to one part at a time: the innermost one whose function is running.
+
+    Args:
+        steps: how many count, after the first `WARM_UP`.
+    """
+
+    def __init__(self, steps: int) -> None:
+        self.last = WARM_UP + steps
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._running, self._since, self._steps = [REST], 0.0, 0
+
+    def watch(self, part: str, owner: Any, name: str) -> None:
+        """Replace a function of a class or module by one whose time is the part's."""
+
+        def timed(function: Callable[..., Any]) -> Callable[..., Any]:
+            @wraps(function)
+            def call(*args: Any, **kwargs: Any) -> Any:
+                self._charge()
+                self._running.append(part)
+                try:
+                    return function(*args, **kwargs)
+                finally:
+                    self._charge()
+                    self._running.pop()
+
+            return call
+
+        self._replace(owner, name, timed)
+
+    def count(self, owner: Any, name: str) -> None:
+        """A step ends whenever this function does."""
+
+        def counted(function: Callable[..., Any]) -> Callable[..., Any]:
+            @wraps(function)
+            def call(*args: Any, **kwargs: Any) -> Any:
+                result = function(*args, **kwargs)
+                self._charge()
+                self._steps += 1
+                return result
+
+            return call
+
+        self._replace(owner, name, counted)
+
+    def _charge(self) -> None:
+        now = time.perf_counter()
+        if WARM_UP <= self._steps < self.last:
+            self.seconds[self._running[-1]] += now - self._since
+        self._since = now
+
+    @staticmethod
+    def _replace(owner: Any, name: str, change: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
+        found = vars(owner)[name]
+        static = isinstance(found, staticmethod)
+        replacement = change(found.__func__ if static else found)
+        setattr(owner, name, staticmethod(replacement) if static else replacement)
+
+
+if __name__ == "__main__":
+    main()
