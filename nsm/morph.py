@@ -24,11 +24,11 @@ class NeuralMorph(nn.Module):
         velocity: V(x, t), or None for a method without one.
         source: the shape at t = 0, posed and scaled.
         target: the shape at t = 1.
-        half_width: the morph lies in the box [−h, h]^d.
+        half_width: the morph lies in the box [−h, h]^d, until `enclose` is given the box that it needs.
 
     Attributes:
         dim: dimension d of space.
-        bounds: corners (2, d) of the box, lowest first.
+        bounds: corners (2, d) of the box, lowest first; part of the state, so that a checkpoint carries it.
     """
 
     bounds: Tensor
@@ -49,6 +49,10 @@ class NeuralMorph(nn.Module):
             velocity.attach(field, target)
         corner = torch.full((self.dim,), float(half_width))
         self.register_buffer("bounds", torch.stack([-corner, corner]))
+
+    def enclose(self, box: Float[Tensor, "2 d"]) -> None:
+        """Take a box (corners (2, d), lowest first) that contains the moving shape at all times."""
+        self.bounds.copy_(box)
 
     def forward(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"]:
         """Signed distance (n,) at x (n, d) and time t, one number or (n,); negative inside."""

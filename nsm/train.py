@@ -18,7 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from nsm import entry
 from nsm.baselines import transport_run
-from nsm.callbacks import ExitOnSignal, Progress, StopOnSignal
+from nsm.callbacks import Checkpoints, ExitOnSignal, Progress, StopOnSignal
 from nsm.checkpoint import build, describe
 from nsm.errors import InputError
 from nsm.files import whole_file
@@ -179,9 +179,10 @@ def _fit(cfg: DictConfig, config: dict[str, Any]) -> Any:
 
 
 def _summarise(trainer: L.Trainer, folder: Path, preparing: float, training: float) -> None:
-    """Write ``summary.json`` and say where everything is."""
-    figures = {name: float(v) for name, v in trainer.callback_metrics.items() if name.startswith("val/")}
-    summary = {"steps": trainer.global_step, "preparing_s": preparing, "training_s": training, **figures}
+    """Write ``summary.json``, with the figures of the best step, and say where everything is."""
+    figures, best = _best_figures(trainer)
+    times = {"preparing_s": preparing, "training_s": training}
+    summary = {"steps": trainer.global_step, "best_step": best, **times, **figures}
     with whole_file(folder / "summary.json") as temporary:
         temporary.write_text(json.dumps(summary, indent=2) + "\n")
     if (off := figures.get("val/volume_error", 0.0)) > VOLUME_WARNING:
@@ -191,7 +192,18 @@ def _summarise(trainer: L.Trainer, folder: Path, preparing: float, training: flo
             100 * off,
         )
     log.info("%d steps in %.0f s, after %.0f s of preparation", trainer.global_step, training, preparing)
+    if "val/error" in figures:
+        log.info("best.ckpt and what is drawn of it are of step %d, with val/error %.3g", best, figures["val/error"])
     _tell_files(folder)
+
+
+def _best_figures(trainer: L.Trainer) -> tuple[dict[str, float], int]:
+    """What validation measured at the best step, and that step; at the last one, if the run keeps no checkpoints."""
+    checkpoints = trainer.checkpoint_callback
+    if isinstance(checkpoints, Checkpoints) and checkpoints.best_step is not None:
+        return checkpoints.best_figures, checkpoints.best_step
+    figures = {name: float(v) for name, v in trainer.callback_metrics.items() if name.startswith("val/")}
+    return figures, trainer.global_step
 
 
 def _tell_files(folder: Path) -> None:

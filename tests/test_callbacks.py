@@ -48,12 +48,12 @@ def test_a_frame_is_the_surface_with_the_normals_of_f(tmp_path: Path) -> None:
     torch.testing.assert_close(torch.as_tensor(read.vertex_normals.copy()), radial, atol=1e-5, rtol=0)
 
 
-def test_meshes_of_every_fifth_validation_and_of_the_last(tmp_path: Path) -> None:
+def test_meshes_of_every_fifth_validation_and_of_the_best(tmp_path: Path) -> None:
     run = (*DISK, "steps=13", "validations=6", "callbacks.meshes.times=[0.5]", f"hydra.run.dir={tmp_path}")
     assert train_here(*run) == 0
     assert {name for name in files(tmp_path) if name.startswith("meshes")} == {
         "meshes/step_000010/t_0.500.obj",
-        "meshes/step_000013/t_0.500.obj",
+        "meshes/best/t_0.500.obj",
     }
     assert history(tmp_path) == [2, 4, 6, 8, 10, 12, 13]
 

@@ -15,6 +15,7 @@ _FIGURES = {
     "train/loss": "loss {:.3g}",
     "val/error": "error {:.2g}",
     "val/volume_max": "volume ±{:.2%}",
+    "val/components": "components {:.0f}",
     "val/normal": "normals {:.1f}°",
 }
 

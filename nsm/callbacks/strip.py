@@ -1,4 +1,4 @@
-"""A picture of the morph when training is done."""
+"""A picture of the best morph when training is done."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from pathlib import Path
 
 import lightning as L
 
+from nsm.callbacks.checkpoints import best_morph
 from nsm.callbacks.volume_curve import log_picture
 from nsm.writers import try_strip
 
 
 class Strip(L.Callback):
-    """Writes ``strip.png``, the morph at some times, at the end of training; warns where it cannot be drawn.
+    """Writes ``strip.png``, the morph of ``best.ckpt`` at some times, at the end of training.
+
+    A warning says why where it cannot be drawn.
 
     Args:
         folder: where it goes.
@@ -29,5 +32,5 @@ class Strip(L.Callback):
         morph = getattr(pl_module, "morph", None)
         if morph is None or not trainer.is_global_zero or trainer.global_step < trainer.max_steps:
             return
-        if try_strip(self.file, morph, self.times, size=self.size):
+        if try_strip(self.file, best_morph(trainer, morph).morph, self.times, size=self.size):
             log_picture(trainer, "strip", self.file)

@@ -10,6 +10,7 @@ import torch
 from lightning.pytorch.loggers import TensorBoardLogger, WandbLogger
 from torch import Tensor
 
+from nsm.callbacks.checkpoints import Checkpoints
 from nsm.files import whole_file
 from nsm.metrics import VolumeCurve
 from nsm.writers import plot_volume_curves, write_volume_curve
@@ -18,8 +19,8 @@ from nsm.writers import plot_volume_curves, write_volume_curve
 class VolumeCurveLog(L.Callback):
     """Keeps the volume curve of every validation.
 
-    Writes ``volume_history.csv`` (step, time, volume), the last curve as ``volume.csv`` and ``volume.png``, and gives
-    the picture to the loggers that take images.
+    Writes ``volume_history.csv`` (step, time, volume), the last curve as ``volume.csv`` and ``volume.png``, in the end
+    that of ``best.ckpt``, and gives the picture to the loggers that take images.
 
     Args:
         folder: where they go.
@@ -38,9 +39,21 @@ class VolumeCurveLog(L.Callback):
         with whole_file(self.folder / "volume_history.csv") as temporary:
             rows = [f"{step},{t:g},{v:.9g}" for step, c in self._history for t, v in _pairs(c)]
             temporary.write_text("\n".join(["step,time,volume", *rows, ""]))
+        self._show(trainer, trainer.global_step, curve)
+
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Show the curve of the best step."""
+        checkpoints = trainer.checkpoint_callback
+        if not isinstance(checkpoints, Checkpoints) or not trainer.is_global_zero:
+            return
+        best = [curve for step, curve in self._history if step == checkpoints.best_step]
+        if checkpoints.best_step is not None and best and checkpoints.best_step != self._history[-1][0]:
+            self._show(trainer, checkpoints.best_step, best[-1])
+
+    def _show(self, trainer: L.Trainer, step: int, curve: VolumeCurve) -> None:
         write_volume_curve(self.folder / "volume.csv", curve.times, curve.volumes)
         picture = self.folder / "volume.png"
-        plot_volume_curves(picture, {f"step {trainer.global_step}": (curve.times, curve.volumes)})
+        plot_volume_curves(picture, {f"step {step}": (curve.times, curve.volumes)})
         log_picture(trainer, "volume", picture)
 
     def state_dict(self) -> dict[str, Any]:

@@ -28,8 +28,8 @@ from nsm.types import SignedDistance
 
 #: Points along an edge of the smallest blocks, which are sampled in full.
 BLOCK = 2
-#: The largest blocks are doubled as long as this many of them fit along the longest edge.
-_COARSE = 32
+#: The largest blocks are doubled as long as this many of them fit along the longest edge, unless told otherwise.
+COARSE = 32
 #: Points evaluated at once: large enough to keep matrix products busy, small enough to stay in cache.
 CHUNK = 1 << 15
 #: The measured slope is a maximum over few samples; the true one may be this much larger.
@@ -127,15 +127,17 @@ def evaluate(field: SignedDistance, points: Float[Tensor, "n d"]) -> Float[Tenso
         return torch.cat([field(chunk) for chunk in points.split(CHUNK)])
 
 
-def sample_band(field: SignedDistance, lattice: Lattice, reach: float = 0.0) -> Band:
+def sample_band(field: SignedDistance, lattice: Lattice, reach: float = 0.0, coarse: int = COARSE) -> Band:
     """Sample a field on a lattice wherever a cell around a point, or between points, can be cut by its zero set.
 
     Args:
         field: maps points (n, d) to values (n,); any continuous function, not only a distance.
         lattice: where to sample.
         reach: sample as well where the sets can be on which the field takes other values up to this, of either sign.
+        coarse: at least so many of the largest blocks lie along the longest edge: fewer take less time, and may miss
+            a small component where the field looks flatter than it is.
     """
-    far, slope, blocks = _candidates(field, lattice, reach)
+    far, slope, blocks = _candidates(field, lattice, reach, coarse)
     dim, device = far.ndim, far.device
     typical = float(slope[tuple(blocks.T)].median()) if len(blocks) else 0.0
     # closer to zero than one cell's diagonal, a point may have the surface in its cell
@@ -155,7 +157,7 @@ def sample_band(field: SignedDistance, lattice: Lattice, reach: float = 0.0) -> 
     return Band(lattice, far, slot, values, typical if 0 < typical < torch.inf else 1.0)
 
 
-def _candidates(field: SignedDistance, lattice: Lattice, reach: float) -> tuple[Tensor, Tensor, Tensor]:
+def _candidates(field: SignedDistance, lattice: Lattice, reach: float, coarse: int) -> tuple[Tensor, Tensor, Tensor]:
     """Which of the smallest blocks can hold the surface.
 
     Returns:
@@ -163,7 +165,7 @@ def _candidates(field: SignedDistance, lattice: Lattice, reach: float) -> tuple[
         can hold it.
     """
     size = BLOCK
-    while max(lattice.shape) >= 2 * size * _COARSE:
+    while max(lattice.shape) >= 2 * size * coarse:
         size *= 2
     index = _indices(_block_counts(lattice, size), lattice.step.device)
     middles = _middles(lattice, index, size)

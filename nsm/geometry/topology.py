@@ -92,6 +92,26 @@ def component_measures(mesh: SimplexMesh) -> Float[Tensor, " c"]:
     return total.index_add_(0, labels, sizes).sort(descending=True).values
 
 
+def component_volumes(mesh: SimplexMesh) -> Float[Tensor, " c"]:
+    """Volume (area in 2D) that each connected component encloses, in the order of `component_labels`.
+
+    A hollow, whose surface is turned inwards, has a negative volume. Of a component that is open the volume is that of
+    the cone over it from the middle of its vertices' box.
+    """
+    labels = component_labels(mesh)
+    count = int(labels.max()) + 1 if len(labels) else 0
+    corners = mesh.vertices[mesh.simplices].double()
+    index = labels[:, None, None].expand(corners.shape)
+    extremes = [
+        corners.new_zeros(count, *corners.shape[1:]).scatter_reduce(0, index, corners, kind, include_self=False)
+        for kind in ("amin", "amax")
+    ]
+    middle = (extremes[0].amin(1) + extremes[1].amax(1)) / 2
+    arms = corners.mean(1) - middle[labels]
+    cones = (arms * simplex_normals(mesh).double()).sum(1) / mesh.vertices.shape[1]
+    return cones.new_zeros(count).index_add_(0, labels, cones)
+
+
 def euler_number(mesh: SimplexMesh) -> int:
     """Vertices − edges + triangles of a surface, vertices − segments of a curve (0 when all its parts are closed)."""
     used = len(mesh.simplices.unique())

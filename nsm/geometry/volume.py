@@ -9,12 +9,15 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from nsm.geometry.grid import BLOCK, Band, Lattice, Window, sample_band
-from nsm.types import SignedDistance
+from nsm.geometry.grid import BLOCK, Band, Lattice, Window, evaluate, sample_band
+from nsm.geometry.topology import enclosed_volume, simplex_normals
+from nsm.types import SignedDistance, SimplexMesh
 
 #: Least component of a gradient relative to its largest: keeps the cut formula away from 0/0. A tilt this small
 #: moves no volume, as a plane that turns about the middle of a cell takes on one side what it gives on the other.
 _LEAST_TILT = 1e-4
+#: Simplices at which the slope of a field across a mesh is measured, at most, and over which part of their size.
+_SLOPES, _ACROSS = 512, 0.5
 
 
 def volume(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int = 96) -> float:
@@ -70,6 +73,37 @@ def _points_of_blocks(band: Band) -> Int[Tensor, " *blocks"]:
         held = (n - BLOCK * torch.arange(blocks, device=points.device)).clamp(max=BLOCK)
         points *= held.view([-1 if i == axis else 1 for i in range(points.ndim)])
     return points
+
+
+def volume_in_surface(mesh: SimplexMesh, field: SignedDistance) -> float:
+    """Volume inside a closed mesh that was extracted from a field, corrected for the error of the mesh.
+
+    Flat simplices between points next to the surface miss it by f/‖∇f‖. With the value of f in the middle c and at the
+    vertices v of a simplex T, Simpson's rule, exact for quadratic f, gives
+
+        V = ∫ x·n / d − Σ |T| (d f(c) + Σ f(v) / d) / ((d + 1) ‖∇f‖),
+
+    with the mean of ‖∇f‖ over a part of the simplices, from differences across them. Unlike `volume`, this needs no
+    more than one sample across a part of the shape, so it measures thin ones as well.
+
+    Args:
+        mesh: Closed surface of {f = 0}, as `nsm.geometry.meshing.extract_surface` gives it.
+        field: f, maps points (n, d) to values (n,), negative inside.
+    """
+    if not len(mesh.simplices):
+        return 0.0
+    d = mesh.vertices.shape[1]
+    middles = mesh.vertices[mesh.simplices].mean(1)
+    normals = simplex_normals(mesh)
+    sizes = normals.norm(dim=1)
+    some = slice(None, None, -(-len(middles) // _SLOPES))
+    across = _ACROSS * float(sizes.mean()) ** (1 / (d - 1)) * torch.nn.functional.normalize(normals[some], dim=1)
+    outer, inner = evaluate(field, middles[some] + across), evaluate(field, middles[some] - across)
+    slope = (outer - inner).double().sum() / (2 * across.double().norm(dim=1).sum())
+    at_vertices = evaluate(field, mesh.vertices).double()[mesh.simplices].sum(1)
+    missed = (d * evaluate(field, middles).double() + at_vertices / d) / (d + 1) / slope
+    exact = SimplexMesh(mesh.vertices.double(), mesh.simplices)
+    return enclosed_volume(exact) - float((sizes.double() * missed).sum())
 
 
 def volume_with_error(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int = 96) -> tuple[float, float]:
