@@ -193,9 +193,8 @@ def _summarise(trainer: L.Trainer, folder: Path, preparing: float, training: flo
             100 * off,
         )
     log.info("%d steps in %.0f s, after %.0f s of preparation", trainer.global_step, training, preparing)
-    log.info(
-        "best.ckpt, and all that is written of the result, is of step %d (val/error %.3g)", best, figures["val/error"]
-    )
+    if "val/error" in figures:
+        log.info("best.ckpt and what is drawn of it are of step %d, with val/error %.3g", best, figures["val/error"])
     _tell_files(folder)
 
 

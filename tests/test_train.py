@@ -15,9 +15,10 @@ import torch
 import trimesh
 from runs import BARE, DISK, STILL, TINY, files, train_here
 
-from nsm import load_morph
+from nsm import callbacks, load_morph
 from nsm.checkpoint import load_shape
 from nsm.morph import NeuralMorph
+from nsm.tasks import MorphTask
 from nsm.tasks.fit import SdfFit
 from nsm.types import Morph
 
@@ -245,6 +246,49 @@ def test_a_run_of_a_sweep_that_is_refused_does_not_stop_the_others(
     assert "nsm: beta.alpha=-1" in capsys.readouterr().err
     with (tmp_path / "summary.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 1
+
+
+def test_everything_at_the_end_of_a_run_is_of_the_best_checkpoint(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run whose first validation is made its best: strip, meshes, summary and curve show that one, not the last."""
+    honest = MorphTask.log_dict
+
+    def worse_and_worse(self: MorphTask, figures: dict, **more: object) -> None:
+        wrong = {"val/error": float(self.global_step)} if "val/error" in figures else {}
+        honest(self, {**figures, **wrong}, **more)
+
+    drawn = []
+    monkeypatch.setattr(MorphTask, "log_dict", worse_and_worse)
+    monkeypatch.setattr(callbacks.strip, "try_strip", lambda file, morph, *rest, **more: drawn.append(morph))
+    run = (*DISK, "optimizer.lr=1e-2", "callbacks.meshes.times=[0.5]")
+    assert train_here(*run, f"hydra.run.dir={tmp_path}") == 0
+    assert "best.ckpt and what is drawn of it are of step 6" in capsys.readouterr().out
+    best, last = (load_morph(tmp_path / "checkpoints" / f"{name}.ckpt") for name in ("best", "last"))
+    x = torch.rand(20, 2) - 0.5
+    assert not torch.equal(best(x, 0.5), last(x, 0.5))
+    assert torch.equal(drawn[0](x, 0.5), best(x, 0.5))
+
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["steps"], summary["best_step"], summary["val/error"]) == (12, 6, 6.0)
+    with (tmp_path / "volume_history.csv").open() as file:
+        history = [(int(row["step"]), float(row["volume"])) for row in csv.DictReader(file)]
+    with (tmp_path / "volume.csv").open() as file:
+        shown = [float(row["volume"]) for row in csv.DictReader(file)]
+    assert shown == pytest.approx([volume for step, volume in history if step == 6], rel=1e-6)
+    lines = (tmp_path / "meshes/best/t_0.500.obj").read_text().splitlines()
+    points = torch.tensor([[float(v) for v in line.split()[1:3]] for line in lines if line.startswith("v ")])
+    assert best(points, 0.5).abs().mean() < 0.3 * last(points, 0.5).abs().mean()
+
+
+def test_a_checkpoint_carries_the_box_of_the_moving_shape(finished: tuple) -> None:
+    """The disk moves along x, so its box is wide and low, and it holds both ends."""
+    low, high = load_morph(finished[0]).bounds.tolist()
+    assert low[0] <= -0.8 + 1e-6
+    assert high[0] >= 0.8 - 1e-6
+    assert [low, high] != [[-1.0, -1.0], [1.0, 1.0]]
+    assert min(low) >= -1.5
+    assert max(high) <= 1.5
 
 
 def test_training_moves_f_towards_its_ends(tmp_path: Path, cache: Path) -> None:

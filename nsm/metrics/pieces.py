@@ -50,19 +50,19 @@ class Pieces(NamedTuple):
         return cls(mesh, volumes, order.argsort()[component_labels(mesh)])
 
     @property
-    def count(self) -> int:
+    def components(self) -> int:
         """Number of components that are large enough to be seen (`LEAST_SHARE`)."""
         return int((self.volumes > LEAST_SHARE * self.volumes[0]).sum()) if len(self.volumes) else 0
 
     def beyond(self, expected: int) -> Leftover:
         """What there is besides the ``expected`` largest components; nothing where there are not as many."""
-        if not 0 < expected < self.count:
+        if not 0 < expected < self.components:
             return Leftover(0.0, 0.0)
         kept = self.ranks < expected
-        spare = ~kept & (self.ranks < self.count)
+        spare = ~kept & (self.ranks < self.components)
         areas = simplex_normals(self.mesh).norm(dim=1)
         middles = self.mesh.vertices[self.mesh.simplices[spare]].mean(1)
         away = closest_points(middles, SimplexMesh(self.mesh.vertices, self.mesh.simplices[kept])).distances
         squared = (areas[spare] * away.square()).sum() / areas.sum()
-        share = self.volumes[expected : self.count].sum() / self.volumes[:expected].sum()
+        share = self.volumes[expected : self.components].sum() / self.volumes[:expected].sum()
         return Leftover(float(share), float(torch.sqrt(squared)))

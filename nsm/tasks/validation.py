@@ -15,7 +15,7 @@ from torch import Tensor
 from nsm.geometry.distance import sample_mesh
 from nsm.geometry.grid import Lattice, evaluate, sample_band
 from nsm.geometry.meshing import open_sides, surface_in_band
-from nsm.geometry.volume import volume, volume_in_band, volume_in_surface
+from nsm.geometry.volume import volume, volume_in_surface
 from nsm.metrics import VolumeCurve, even_times
 from nsm.metrics.pieces import Leftover, Pieces
 from nsm.morph import NeuralMorph
@@ -115,7 +115,7 @@ class Validator:
             deviation,
             error,
             max(deviation, error) * self._size / self.morph.dim,
-            max(piece.count for piece in pieces),
+            max(piece.components for piece in pieces),
             Leftover(max(left.share for left in leftovers), max(left.distance for left in leftovers)),
         )
 
@@ -159,7 +159,7 @@ class Validator:
     @cached_property
     def _end_pieces(self) -> list[int]:
         """Number of components of each end shape, at least one."""
-        return [max(Pieces.of(look.mesh).count, 1) for look in self._end_looks]
+        return [max(Pieces.of(look.mesh).components, 1) for look in self._end_looks]
 
     @property
     def _size(self) -> float:
@@ -229,7 +229,7 @@ def look_at(field: SignedDistance, box: Float[Tensor, "2 d"], resolution: int) -
     band = sample_band(field, Lattice.corners(box, resolution), coarse=_BLOCKS)
     mesh = surface_in_band(band)
     # only a closed surface has an inside
-    inside = volume_in_band(band) if open_sides(mesh, box) else volume_in_surface(mesh, field)
+    inside = volume(field, box, resolution) if open_sides(mesh, box) else volume_in_surface(mesh, field)
     return Look(mesh, max(inside, 0.0))
 
 
