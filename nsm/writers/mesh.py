@@ -78,7 +78,7 @@ def _places(vertices: Tensor) -> np.ndarray:
 
 def _in_space(vectors: Tensor, dtype: type = np.float32) -> np.ndarray:
     """Vectors (v, 3); those of the plane get z = 0."""
-    flat = vectors.detach().cpu().numpy().astype(dtype)
+    flat: np.ndarray = vectors.detach().cpu().numpy().astype(dtype)
     return np.pad(flat, ((0, 0), (0, 3 - flat.shape[1])))
 
 
