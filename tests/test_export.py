@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -17,12 +18,14 @@ import trimesh
 from analytic import FREQUENCY, bowl, run_here, save, sentence, shrinking, turning, unreadable
 
 from nsm import export, frames
+from nsm.checkpoint import load_morph
 from nsm.exporters import surfaces
 from nsm.fields import SourceInit
 from nsm.frames import extract_frame
 from nsm.morph import NeuralMorph
-from nsm.shapes import Ball, Similarity, SirenShape, equal_volume, primitive
+from nsm.shapes import Ball, MeshFile, Similarity, SirenShape, equal_volume, primitive
 from nsm.shapes.textured import Attributes
+from nsm.tasks import SdfFit, prepare_ends
 from nsm.writers import write_mesh
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -116,6 +119,29 @@ def test_in_the_coordinates_of_a_file_its_fit_pose_and_scale_are_undone(larger: 
     assert np.allclose(opposite.vertices, np.array(here.vertices) / ends.target_scale, atol=1e-5)
     # a box in the coordinates of the file: no rotation is left
     assert np.ptp(vertices, axis=0) == pytest.approx(np.ptp(vertices, axis=0)[0] * np.ones(3), rel=1e-2)
+
+
+@pytest.mark.parametrize("scale", [0.001, 1000.0])
+def test_a_mesh_in_any_units_and_place_gets_its_own_coordinates_and_volume_back(scale: float, tmp_path: Path) -> None:
+    rows = trimesh.creation.icosphere(3)
+    vertices = scale * rows.vertices * np.array([0.5, 0.3, 0.8]) + 100
+    lines = [f"v {x:.17g} {y:.17g} {z:.17g}" for x, y, z in vertices]
+    (tmp_path / "a.obj").write_text("\n".join(lines + [f"f {a} {b} {c}" for a, b, c in rows.faces + 1]) + "\n")
+    ends = prepare_ends(MeshFile(str(tmp_path / "a.obj")), Ball(0.3), mock.Mock(spec=SdfFit))
+    morph = NeuralMorph(bowl(3, 2.5, 0.0), None, ends.source, ends.target).requires_grad_(False)
+    file = save(morph, tmp_path / "a.ckpt", provenance=ends.provenance)
+    (tmp_path / "a.obj").unlink()  # the checkpoint holds the mesh
+    loaded = load_morph(file)
+    torch.testing.assert_close(loaded.source(torch.eye(3)), ends.source(torch.eye(3)))
+    for frame in ("morph", "source"):
+        settings = ("times=1", "resolution=32", f"frame={frame}", f"output={tmp_path}/{frame}")
+        assert run_here(export, f"checkpoint={file}", *settings) == 0
+    here, there = (np.array(_mesh(tmp_path / f / "frame_0000.ply").vertices) for f in ("morph", "source"))
+    box = ends.source.exact_bounds().numpy()
+    back = (here - box[0]) / (box[1] - box[0]) * np.ptp(vertices, axis=0) + vertices.min(0)
+    assert np.abs(back - there).max() < 2e-6 * scale
+    volumes = [_mesh(tmp_path / f / "frame_0000.ply").volume for f in ("morph", "source")]
+    assert volumes[1] == pytest.approx(volumes[0] * ends.source.similarity.scale**-3, rel=1e-3)
 
 
 def test_a_time_without_surface_is_left_out_and_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

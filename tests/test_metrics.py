@@ -12,7 +12,7 @@ import torch
 from problems import MOTIONS, Ball, LinearMotion
 from rich.console import Console
 
-from nsm import calculus
+from nsm import calculus, shapes
 from nsm.geometry.meshing import extract_surface
 from nsm.growth import Grown, VolumeLinear
 from nsm.metrics import STAGES, Protocol, evaluate_morph, markdown_table, meaning, table, volume_curve
@@ -22,6 +22,7 @@ from nsm.metrics.motion import Motion
 from nsm.metrics.residuals import divergence, level_set_residual, rate, space_residuals
 from nsm.metrics.surface import SurfaceFigures, surface_figures
 from nsm.metrics.transport import check_transport
+from nsm.shapes import Similarity
 from nsm.types import Morph
 
 #: As coarse as figures of simple shapes allow.
@@ -429,6 +430,18 @@ def test_all_figures_of_a_perfect_morph(dim):
     again = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert again["figures"] == pytest.approx(figures)
     assert all(meaning(name).text for name in figures)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_volumes_are_told_in_the_units_of_the_file(scale):
+    still = Still(3, lambda x, t: x.norm(dim=1) - 0.5)
+    # in its file a ball of radius `scale` around (7, 0, 0)
+    still.source = shapes.Ball(scale, [7.0, 0, 0]).transformed(Similarity.about(torch.zeros(3), 0.5 / scale))
+    result = evaluate_morph(still, Protocol(24, 24, 2))
+    volumes, figures = result.to_dict()["volume"], result.figures()
+    assert figures["volume t=0"] == pytest.approx(4 / 3 * math.pi * scale**3, rel=1e-2)
+    assert volumes["volumes_in_file_units"] == pytest.approx([v * (2 * scale) ** 3 for v in volumes["volumes"]])
+    assert f"| volume t=0 | {figures['volume t=0']:.5g} |" in markdown_table({"a": figures})
 
 
 def test_a_protocol_tells_all_of_itself():

@@ -23,6 +23,7 @@ from nsm.metrics.residuals import SHELL_WIDTH, SpaceResiduals, space_residuals
 from nsm.metrics.surface import SurfaceFigures, surface_figures
 from nsm.metrics.transport import TransportCheck, check_transport
 from nsm.metrics.volume_curve import VolumeCurve, even_times, volume_curve
+from nsm.shapes import FieldShape
 from nsm.types import Morph
 
 
@@ -66,6 +67,7 @@ class Evaluation(NamedTuple):
         events: changes of topology, in order of time.
         transport: of the source by V; None for a method without velocity.
         flow: Error of the flow maps that make the ends exact; None for a morph without them.
+        file_volume: volume of a unit cube of the box in the units of the source's file; not a number if it has none.
     """
 
     volume: VolumeCurve
@@ -75,6 +77,7 @@ class Evaluation(NamedTuple):
     events: tuple[TopologyEvent, ...]
     transport: TransportCheck | None
     flow: FlowError | None = None
+    file_volume: float = math.nan
 
     @property
     def motion(self) -> Motion:
@@ -83,7 +86,9 @@ class Evaluation(NamedTuple):
 
     def figures(self) -> dict[str, float]:
         """The headline numbers by name, flat: what a table shows; `nsm.metrics.figures` says what each is."""
-        named = {
+        first, last = (self.volume.volumes[[0, -1]] * self.file_volume).tolist()
+        known = {} if math.isnan(self.file_volume) else {f"volume{AT}0": first, f"volume{AT}1": last}
+        named = known | {
             "volume std": self.volume.relative_std,
             "volume max": self.volume.maximum_deviation,
             "volume estimator error": self.volume.relative_error,
@@ -103,6 +108,7 @@ class Evaluation(NamedTuple):
                 "volume": {
                     "times": curve.times.tolist(),
                     "volumes": curve.volumes.tolist(),
+                    "volumes_in_file_units": (curve.volumes * self.file_volume).tolist(),
                     "errors": None if curve.errors is None else curve.errors.tolist(),
                     "wanted": curve.wanted.tolist(),
                     "deviations": curve.deviations.tolist(),
@@ -199,7 +205,12 @@ def evaluate_morph(
     progress("transport of the source")
     source = extract_surface(partial(morph, t=0.0), morph.bounds, resolution // _CARRIED_COARSER)
     carried = check_transport(morph, source, times, meshes)
-    return Evaluation(curve, tuple(ends), surfaces, space, changes, carried)
+    return Evaluation(curve, tuple(ends), surfaces, space, changes, carried, file_volume=_file_volume(morph))
+
+
+def _file_volume(morph: Morph) -> float:
+    """Volume of a unit cube of the box in the units of the source's file."""
+    return morph.source.similarity.scale**-morph.dim if isinstance(morph.source, FieldShape) else math.nan
 
 
 #: Stages that `evaluate_morph` tells of.

@@ -21,8 +21,11 @@ class Meaning(NamedTuple):
 
 #: What stands after the name of a figure that is taken at one time: ``volume error t=0``.
 AT = " t="
+#: The unit of figures that are not measured in the morph's box.
+_FILE_UNITS = "file length^d"
 #: Every figure by its name, in the order of tables. Lengths are those of the morph's box.
 MEANINGS = {
+    "volume": Meaning(_FILE_UNITS, "volume (area in 2D) of the morph at one time, in the units of the source's file"),
     "volume std": Meaning(
         "relative", "standard deviation over time of V(t) / wanted volume, V(0) unless it is to grow"
     ),
@@ -117,6 +120,8 @@ def _cell(name: str, value: float | None) -> str:
         return f"{value:.0f}"
     if unit == "degree":
         return f"{value:.1f}°"
+    if unit == _FILE_UNITS:
+        return f"{value:.5g}"
     if unit == "ratio":
         return f"{value:.2f}"
     # four places, unless nothing would be left of a small number

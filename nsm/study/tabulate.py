@@ -29,6 +29,8 @@ _MAIN = {
 _NEAR_ONE = ("gradient norm mean", "gradient norm least", "speed max/mean")
 #: Figures of which neither the greatest nor the least is better.
 _NEUTRAL = (
+    f"volume{AT}0",
+    f"volume{AT}1",
     "volume estimator error",
     "distance moved",
     "motion in middle half",

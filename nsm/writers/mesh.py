@@ -17,6 +17,11 @@ from nsm.types import SimplexMesh
 
 NO_ATTRIBUTES = Attributes()
 
+#: Rounding of coordinates, in parts of the size of the mesh, that is written in single precision all the same.
+_ROUNDING = 1e-6
+#: Names of numbers in a ply file, and of the same in numpy.
+_PLY_TYPES = {np.float32: ("float", "<f4"), np.float64: ("double", "<f8")}
+
 
 def write_mesh(
     path: Path | str,
@@ -27,7 +32,8 @@ def write_mesh(
     """Write a surface as PLY (binary), OBJ or STL (binary), by the suffix of ``path``; a 2D curve as OBJ lines.
 
     PLY and OBJ carry vertex normals, colours (sRGB) and texture coordinates. A curve lies in the plane z = 0. A surface
-    that is not there gives a valid file without triangles, so that a sequence has no gaps.
+    that is not there gives a valid file without triangles, so that a sequence has no gaps. Where single precision would
+    show, for a small shape far from the origin, PLY and OBJ have coordinates in double precision.
 
     Args:
         path: where to write; folders are made.
@@ -44,7 +50,7 @@ def write_mesh(
     if path.suffix.lower() not in encoders:
         raise InputError(f"{path.name} names no format for a mesh in {dim}D: let it end in {' or '.join(encoders)}")
     normals = vertex_normals(mesh) if normals is None else normals
-    arrays = (_in_space(mesh.vertices), mesh.simplices.cpu().numpy(), _in_space(normals))
+    arrays = (_places(mesh.vertices), mesh.simplices.cpu().numpy(), _in_space(normals))
     data = encoders[path.suffix.lower()](*arrays, _extra(attributes))
     with whole_file(path) as temporary:
         temporary.write_bytes(data)
@@ -62,15 +68,23 @@ def _extra(attributes: Attributes) -> _Extra:
     return _Extra(colours, uv)
 
 
-def _in_space(vectors: Tensor) -> np.ndarray:
-    """Vectors (v, 3) in single precision; those of the plane get z = 0."""
-    flat = vectors.detach().cpu().numpy().astype(np.float32)
+def _places(vertices: Tensor) -> np.ndarray:
+    """Vertices (v, 3) in single precision, or in double where rounding would show: far from the origin of a file."""
+    single, double = _in_space(vertices), _in_space(vertices, np.float64)
+    if not len(double) or np.abs(single - double).max() <= _ROUNDING * np.ptp(double, axis=0).max():
+        return single
+    return double
+
+
+def _in_space(vectors: Tensor, dtype: type = np.float32) -> np.ndarray:
+    """Vectors (v, 3); those of the plane get z = 0."""
+    flat: np.ndarray = vectors.detach().cpu().numpy().astype(dtype)
     return np.pad(flat, ((0, 0), (0, 3 - flat.shape[1])))
 
 
 def _ply(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray, extra: _Extra) -> bytes:
     columns: list[tuple[str, str, str, np.ndarray]] = [
-        (name, "float", "<f4", values)
+        (name, *_PLY_TYPES[block.dtype.type if block is vertices else np.float32], values)
         for names, block in (("x y z", vertices), ("nx ny nz", normals), ("s t", extra.uv))
         if block is not None
         for name, values in zip(names.split(), block.T, strict=True)
@@ -103,7 +117,9 @@ def _obj(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray, extra
     behind = [""] * len(vertices)
     if extra.colours is not None:
         behind = [f" {r:.4g} {g:.4g} {b:.4g}" for r, g, b in extra.colours.tolist()]
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}{more}" for (x, y, z), more in zip(vertices.tolist(), behind, strict=True)]
+    digits = 9 if vertices.dtype == np.float32 else 17
+    places = [" ".join(f"{value:.{digits}g}" for value in place) for place in vertices.tolist()]
+    lines = [f"v {place}{more}" for place, more in zip(places, behind, strict=True)]
     if simplices.shape[1] == 2:
         lines += [f"l {a} {b}" for a, b in (simplices + 1).tolist()]
         return ("\n".join(lines) + "\n").encode()
