@@ -20,6 +20,9 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
+import nsm  # noqa: F401 (before torch, which reads what nsm sets)
+
+# isort: split
 import lightning as L
 import pytorch_optimizer
 import torch

@@ -19,6 +19,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import nsm  # noqa: F401 (before torch, which reads what nsm sets)
+
+# isort: split
 import torch
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
