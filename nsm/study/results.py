@@ -40,6 +40,8 @@ class Result:
         training_s, step_s, preparing_s: seconds; None where unknown.
         terms: the weighted terms of the loss at the end of training.
         checkpoint: the file that was looked at.
+        network_figures: the same figures of the network alone, where ``figures`` are those of the morph with exact
+            ends; empty where they are of the network already.
     """
 
     pair: str
@@ -55,6 +57,7 @@ class Result:
     preparing_s: float | None = None
     terms: dict[str, float] = field(default_factory=dict)
     checkpoint: str | None = None
+    network_figures: dict[str, float | None] = field(default_factory=dict)
 
     def morph(self) -> Morph:
         """The morph itself, loaded anew."""
@@ -77,7 +80,7 @@ def result_of_run(study: Study, job: Job, tell: Tell) -> Result:
         retry = "; retry=true tries again" if state == FAILED else ""
         unfinished = f"it was left {state}; repeat the command to go on"
         return replace(bare, reason=record.reason + retry if record and record.reason else unfinished)
-    file = job.folder / "checkpoints" / f"{study.checkpoint}.ckpt"
+    file = job.folder / "checkpoints" / "best.ckpt"
     bare = replace(_timed(bare, job.folder), steps=record.steps, terms=_last_terms(job.folder))
     try:
         key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest()}
