@@ -31,6 +31,7 @@ from nsm.callbacks import StepTimes
 from nsm.configuration import CONF
 from nsm.errors import InputError
 from nsm.study import results, run
+from nsm.study.goals import goals_table
 from nsm.study.plan import Budget, Job, jobs, read_study
 from nsm.study.record import FAILED, INTERRUPTED, prepare, read_record
 from nsm.writers.tables import Cell, Column, Table, comma_separated, from_one, latex, markdown, write_table
@@ -132,7 +133,7 @@ def test_every_study_names_runs_that_nsm_train_can_compose(file: Path) -> None:
     special = {method.name for method in study.methods if method.overrides}
     with initialize_config_dir(str(CONF), version_base="1.3"):
         for job in [runs[0], *(job for job in runs if job.method in special)]:
-            assert compose("train", [*job.overrides, *run.OVERRIDES]).seed == 0
+            assert compose("train", [*job.overrides, *run.OVERRIDES]).seed == job.seed
 
 
 def test_table_9_is_nine_methods_on_two_pairs_for_eight_minutes() -> None:
@@ -173,12 +174,10 @@ def test_every_seed_has_a_folder_of_its_own_and_overrides_add_up() -> None:
         (["methods=[{name: a/b, method: free}]"], "no folder of a run can have"),
         (["methods=[{name: official, method: free}]"], "no folder of a run can have"),
         (["methods=[{method: free, weight: 3}]"], "an entry with weight"),
-        (["steps=10"], "minutes=8 and steps=10 are no budget"),
-        (["minutes=null"], "are no budget"),
+        (["steps=10"], "must not both be given, got minutes=8 and steps=10. Try minutes=null steps=10, or both null"),
         (["minutes=0"], "minutes=0 is no time"),
         (["minutes=null", "steps=1.5"], "steps=1.5 cannot be"),
         (["seeds=[1,1]"], "not to be drawn from"),
-        (["checkpoint=first"], "give last or best"),
         (["times=1"], "times=1 cannot be"),
     ],
 )
@@ -239,7 +238,74 @@ def test_a_study_ends_with_a_folder_that_shows_it_and_a_failed_run_is_a_row(
     assert len(rows(tmp_path)["adadiv"]["volume"]["times"]) == 5
 
 
-_STEMS = ["tables/volume_std", "tables/volume_max", "pairs/disk_translation", "pairs/disk_translation_times"]
+def test_the_pairs_are_five_of_networks_and_three_of_meshes_with_three_seeds() -> None:
+    study = read_study(configuration("+study=pairs"))
+    assert [pair.name for pair in study.pairs[-3:]] == ["spot_rocker_arm", "suzanne_bunny", "teapot_fandisk"]
+    assert (len(study.pairs), [method.name for method in study.methods], study.seeds) == (8, ["adadiv"], (0, 1, 2))
+    assert study.budget == Budget(None, None)
+    assert str(study.budget) == "the recipe's own number of steps"
+    assert study.protocol.times == 11
+
+
+def test_without_a_budget_a_run_makes_the_steps_of_its_recipe(tmp_path: Path, started: list[Path]) -> None:
+    job = Job("disk", "adadiv", 0, ("+experiment=disk_translation", "method=adadiv", *TINY, "steps=4"), tmp_path / "r")
+    record = prepare(job, Budget(None, None), trained=True, threads=1, retry=False)
+    assert record.steps is None
+    assert run.carry_out({"folder": str(job.folder)}) == "done"
+    assert started == [job.folder], "nothing is measured first"
+    assert read_record(job.folder).steps == 4  # type: ignore[union-attr]
+    assert prepare(job, Budget(None, None), True, 1, retry=False).state == "done"
+
+
+def outcome(pair: str, seed: int | None, scale: float, method: str = "adadiv", **more: Any) -> results.Result:
+    """A result whose every figure is a multiple of its place in the list."""
+    figures = {name: scale * (place + 1) for place, name in enumerate(_FIGURES)}
+    return results.Result(pair, method, seed, figures=figures, **more)
+
+
+_FIGURES = [
+    "volume std",
+    "volume max",
+    *(f"{name} t={t}" for name in ("morph to shape", "shape to morph", "normal error") for t in (0, 1)),
+    "most pieces",
+    "fewest pieces",
+    "gradient norm least",
+    "gradient norm greatest",
+    "roughness at 1/2",
+]
+
+
+def test_the_table_of_all_pairs_has_the_mean_and_the_range_of_the_seeds() -> None:
+    found = [outcome("a_b", seed, scale, training_s=60.0, preparing_s=30.0) for seed, scale in enumerate((1, 2, 6))]
+    table = goals_table([*found, outcome("a_b", None, 1.0, "official")], ["a_b", "c_d"], ["adadiv", "official"])
+    assert list(table.rows) == ["a_b, adadiv", "a_b (official)"], "a pair without results has no row"
+    assert table.cells["a_b, adadiv", "volume std"].mean == 3
+    assert table.cells["a_b, adadiv", "volume std"].range == (1, 6)
+    assert table.cells["a_b, adadiv", "minutes, fits included"].mean == 1.5
+    assert ("a_b (official)", "minutes, fits included") not in table.cells
+    assert not any("exact ends" in column.name for column in table.columns)
+
+
+def test_the_table_of_all_pairs_shows_exact_ends_and_the_network_beside_each_other() -> None:
+    network = outcome("a_b", 0, 100.0).figures
+    rows = [outcome("a_b", 0, 1.0, network_figures=network), outcome("a_b", None, 1.0, "official")]
+    table = goals_table(rows, ["a_b"], ["adadiv", "official"])
+    ours = {head: cell.mean for (row, head), cell in table.cells.items() if row == "a_b, adadiv"}
+    assert ours["distance, exact ends"] == 6, "the greatest of both ways and ends"
+    assert ours["normals, exact ends (°)"] == 8
+    assert ours["morph→shape t=0"] == 300
+    assert ours["normals t=1 (°)"] == 800
+    assert ours["most components"] == 9, "of the morph that a user sees"
+    assert ("a_b (official)", "distance, exact ends") not in table.cells
+
+
+_STEMS = [
+    "tables/volume_std",
+    "tables/volume_max",
+    "tables/all",
+    "pairs/disk_translation",
+    "pairs/disk_translation_times",
+]
 
 
 def test_minutes_become_steps_by_the_time_of_one_and_stay_what_they_were(tmp_path: Path, started: list[Path]) -> None:
@@ -461,7 +527,7 @@ EXAMPLE = Table(
     {
         ("adadiv", "volume & std"): Cell(-0.00025),
         ("no_eikonal", "volume & std"): Cell(0.5),
-        ("adadiv", "slope"): Cell(0.9, 0.01, 3),
+        ("adadiv", "slope"): Cell(0.9, 0.01, 3, (0.89, 0.91)),
         ("no_eikonal", "slope"): Cell(2.0, 0.1, 3),
         ("adadiv", "pieces"): Cell(1.0),
         ("no_eikonal", "pieces"): Cell(2.0),
@@ -472,7 +538,7 @@ EXAMPLE = Table(
 
 def test_the_best_of_each_column_is_bold_and_what_is_missing_a_dash() -> None:
     assert markdown(EXAMPLE).splitlines()[2:] == [
-        "| adadiv | **-0.000250** | **0.900 ± 0.0100** | 1 |",
+        "| adadiv | **-0.000250** | **0.900 ± 0.0100 (0.890–0.910)** | 1 |",
         "| no_eikonal | 0.500 | 2.00 ± 0.100 | 2 |",
         "| lost | – | – | – |",
     ]
@@ -496,13 +562,14 @@ def test_latex_is_balanced_and_escaped() -> None:
         assert len(re.findall(r"(?<!\\)\$", row)) % 2 == 0
         assert not re.search(r"(?<!\\)[_%#]", row)
     assert r"volume \& std" in rows[0]
-    assert r"\textbf{0.900 $\pm$ 0.0100}" in rows[1]
+    assert r"\textbf{0.900 $\pm$ 0.0100 (0.890–0.910)}" in rows[1]
 
 
 def test_csv_keeps_all_digits_and_both_numbers() -> None:
     table = list(csv.DictReader(comma_separated(EXAMPLE).splitlines()))
     assert table[0]["volume & std"] == "-0.00025"
-    assert (table[1]["slope"], table[1]["slope std"]) == ("2", "0.1")
+    assert (table[1]["slope"], table[1]["slope std"], table[1]["slope min"]) == ("2", "0.1", "")
+    assert (table[0]["slope min"], table[0]["slope max"]) == ("0.89", "0.91")
     assert table[2]["pieces"] == ""
 
 

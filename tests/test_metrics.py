@@ -483,3 +483,26 @@ def test_the_table_has_a_column_a_run_and_a_row_a_figure():
     assert "| most components | 2 |  |  |" in lines
     assert "| speed max/mean |  | 1.23 |  |" in lines
     assert len({line.replace(r"\|", "").count("|") for line in lines}) == 1
+
+
+def test_volume_that_leaves_the_box_is_reported_and_not_only_lost() -> None:
+    """A ball ends with half of itself outside: the curve loses half of it, and the figure says where it is."""
+    leaving = LinearMotion(Ball(2, 0.3), drift=[1.0, 0.0])
+    figures = evaluate_morph(leaving, COARSE).figures()
+    assert figures["volume max"] == pytest.approx(0.5, abs=0.02)
+    assert figures["volume beyond"] == pytest.approx(0.5, abs=0.05)
+    staying = LinearMotion(Ball(2, 0.3), drift=[0.5, 0.0])
+    assert evaluate_morph(staying, COARSE).figures()["volume beyond"] == 0
+
+
+def test_roughness_between_the_ends_is_relative_to_the_rougher_end() -> None:
+    still = LinearMotion(Ball(2, 0.4))
+    figures = evaluate_morph(still, COARSE).figures()
+    assert figures["roughness at 1/2"] == pytest.approx(1)
+    assert (figures["fewest pieces"], figures["most pieces"]) == (1, 1)
+
+    def rippled(x: torch.Tensor, t: float) -> torch.Tensor:
+        angle = torch.atan2(x[:, 1], x[:, 0])
+        return x.norm(dim=1) - 0.6 - 0.05 * math.sin(math.pi * t) * torch.cos(12 * angle)
+
+    assert evaluate_morph(Still(2, rippled), COARSE).figures()["roughness at 1/2"] > 1.5

@@ -2,7 +2,7 @@
 
 from nsm.metrics.evaluation import STAGES, Evaluation, Protocol, evaluate_morph
 from nsm.metrics.figures import MEANINGS, markdown_table, meaning, table
-from nsm.metrics.volume_curve import VolumeCurve, even_times, volume_curve
+from nsm.metrics.volume_curve import VolumeCurve, even_times, volume_beyond, volume_curve
 
 __all__ = [
     "MEANINGS",
@@ -15,5 +15,6 @@ __all__ = [
     "markdown_table",
     "meaning",
     "table",
+    "volume_beyond",
     "volume_curve",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from nsm.geometry.flow import FlowError
-from nsm.geometry.meshing import extract_surface
+from nsm.geometry.meshing import extract_surface, open_sides
 from nsm.geometry.transport import DEFAULT_METHOD
 from nsm.metrics import endpoint, events, residuals, surface
 from nsm.metrics.endpoint import EndpointErrors, endpoint_errors
@@ -22,9 +22,9 @@ from nsm.metrics.motion import Motion
 from nsm.metrics.residuals import SHELL_WIDTH, SpaceResiduals, space_residuals
 from nsm.metrics.surface import SurfaceFigures, surface_figures
 from nsm.metrics.transport import TransportCheck, check_transport
-from nsm.metrics.volume_curve import VolumeCurve, even_times, volume_curve
+from nsm.metrics.volume_curve import VolumeCurve, even_times, volume_beyond, volume_curve
 from nsm.shapes import FieldShape
-from nsm.types import Morph
+from nsm.types import Morph, SimplexMesh
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,8 @@ class Evaluation(NamedTuple):
 
     Attributes:
         volume: over time.
+        beyond: volume outside the box over that at t = 0, at the time when it is greatest; 0 where the surface keeps to
+            the box.
         ends: how well it meets its two shapes.
         surfaces: of its surface at each time.
         space: residuals around the surface and in the box at each time.
@@ -71,6 +73,7 @@ class Evaluation(NamedTuple):
     """
 
     volume: VolumeCurve
+    beyond: float
     ends: tuple[EndpointErrors, ...]
     surfaces: tuple[SurfaceFigures, ...]
     space: tuple[SpaceResiduals, ...]
@@ -92,6 +95,7 @@ class Evaluation(NamedTuple):
             "volume std": self.volume.relative_std,
             "volume max": self.volume.maximum_deviation,
             "volume estimator error": self.volume.relative_error,
+            "volume beyond": self.beyond,
         }
         for end in self.ends:
             named |= {f"{name}{AT}{end.time:g}": value for name, value in _end_figures(end).items()}
@@ -112,6 +116,7 @@ class Evaluation(NamedTuple):
                     "errors": None if curve.errors is None else curve.errors.tolist(),
                     "wanted": curve.wanted.tolist(),
                     "deviations": curve.deviations.tolist(),
+                    "beyond": self.beyond,
                 },
                 "ends": [
                     end._asdict()
@@ -132,12 +137,19 @@ class Evaluation(NamedTuple):
             }
         )
 
+    def _ripples(self) -> float:
+        """Roughness at the time next to 1/2 over the greater one of the two ends."""
+        middle = min(self.surfaces, key=lambda surface: abs(surface.time - 0.5))
+        ends = _greatest([self.surfaces[0].roughness, self.surfaces[-1].roughness])
+        return middle.roughness / ends if ends > 0 else math.nan
+
     def _equation_figures(self) -> dict[str, float]:
         norms = [s.gradient_norm for s in self.surfaces]
         shells, boxes = zip(*self.space, strict=True)
         return {
             "gradient norm mean": _mean(norms),
             "gradient norm least": min(norms, key=_nan_last),
+            "gradient norm greatest": _greatest(norms),
             "gradient norm std": _mean([s.gradient_norm_std for s in self.surfaces]),
             "eikonal shell": _mean([r.eikonal for r in shells]),
             "eikonal box": _mean([r.eikonal for r in boxes]),
@@ -160,7 +172,7 @@ class Evaluation(NamedTuple):
         }
 
     def _surface_figures(self) -> dict[str, float]:
-        components = [s.components for s in self.surfaces]
+        components, pieces = [s.components for s in self.surfaces], [s.pieces for s in self.surfaces]
         roughness = [s.roughness for s in self.surfaces]
         return {
             "distance moved": self.motion.distance,
@@ -169,9 +181,12 @@ class Evaluation(NamedTuple):
             "area least": min(s.area for s in self.surfaces),
             "area greatest": max(s.area for s in self.surfaces),
             "roughness mean": _mean(roughness),
-            "roughness greatest": -min([-r for r in roughness], key=_nan_last),
+            "roughness greatest": _greatest(roughness),
+            "roughness at 1/2": self._ripples(),
             "fewest components": min(components),
             "most components": max(components),
+            "fewest pieces": min(pieces),
+            "most pieces": max(pieces),
             "most handles": max(s.genus for s in self.surfaces),
             "topology events": len(self.events),
         }
@@ -197,6 +212,7 @@ def evaluate_morph(
         ends.append(endpoint_errors(morph, time, shape, protocol.surface_resolution, resolution))
     progress("surface over time")
     meshes = [extract_surface(partial(morph, t=time), morph.bounds, resolution) for time in times]
+    beyond = _beyond(morph, times, meshes, curve, resolution)
     surfaces = tuple(surface_figures(morph, time, mesh) for time, mesh in zip(times, meshes, strict=True))
     progress("residuals in space")
     space = tuple(space_residuals(morph, time, protocol.shell_width) for time in times)
@@ -205,7 +221,7 @@ def evaluate_morph(
     progress("transport of the source")
     source = extract_surface(partial(morph, t=0.0), morph.bounds, resolution // _CARRIED_COARSER)
     carried = check_transport(morph, source, times, meshes)
-    return Evaluation(curve, tuple(ends), surfaces, space, changes, carried, file_volume=_file_volume(morph))
+    return Evaluation(curve, beyond, tuple(ends), surfaces, space, changes, carried, file_volume=_file_volume(morph))
 
 
 def _file_volume(morph: Morph) -> float:
@@ -217,6 +233,19 @@ def _file_volume(morph: Morph) -> float:
 STAGES = 7
 #: The surface that is carried has this many times larger cells; with the middles of its edges it has as many vertices.
 _CARRIED_COARSER = 2
+
+
+def _beyond(
+    morph: Morph, times: Sequence[float], meshes: Sequence[SimplexMesh], curve: VolumeCurve, resolution: int
+) -> float:
+    """Greatest volume outside the box, relative to V(0), over the times at which the surface leaves the box."""
+    found = [
+        volume_beyond(partial(morph, t=time), morph.bounds, resolution)
+        for time, mesh in zip(times, meshes, strict=True)
+        if open_sides(mesh, morph.bounds)
+    ]
+    start = float(curve.volumes[0])
+    return max(found, default=0.0) / start if start > 0 else math.nan
 
 
 def _end_figures(end: EndpointErrors) -> dict[str, float]:
@@ -247,6 +276,10 @@ def _mean(values: list[float]) -> float:
     """Mean over the times at which a figure is defined."""
     defined = [value for value in values if not math.isnan(value)]
     return float(np.mean(defined)) if defined else math.nan
+
+
+def _greatest(values: Sequence[float]) -> float:
+    return -min([-value for value in values], key=_nan_last)
 
 
 def _nan_last(value: float) -> float:

@@ -9,6 +9,7 @@ import torch
 
 from nsm.geometry import topology
 from nsm.geometry.distance import sample_mesh
+from nsm.metrics.pieces import Pieces
 from nsm.metrics.residuals import divergence, level_set_residual, mean_size, rate
 from nsm.types import Morph, SimplexMesh
 
@@ -22,6 +23,8 @@ class SurfaceFigures(NamedTuple):
     time: float
     #: Every connected component counts, however small: ``largest_share`` tells crumbs from parts.
     components: int
+    #: Connected components that are large enough to be seen (`nsm.metrics.pieces.LEAST_SHARE`).
+    pieces: int
     euler: int
     #: Handles, all components together; 0 in 2D. Counts are those of a closed surface: it must not leave the box.
     genus: int
@@ -52,7 +55,7 @@ def surface_figures(morph: Morph, time: float, mesh: SimplexMesh) -> SurfaceFigu
     """
     parts = topology.component_measures(mesh)
     area = float(parts.sum())
-    counts = (len(parts), topology.euler_number(mesh), topology.genus(mesh))
+    counts = (len(parts), Pieces.of(mesh).components, topology.euler_number(mesh), topology.genus(mesh))
     if not area > 0:
         return SurfaceFigures(time, *counts, 0.0, area, *[math.nan] * 6)
     generator = torch.Generator(mesh.vertices.device).manual_seed(0)

@@ -9,9 +9,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.geometry.volume import volume_with_error
+from nsm.geometry.volume import volume, volume_with_error
 from nsm.growth import Grown
-from nsm.types import Morph
+from nsm.types import Morph, SignedDistance
+
+#: Volume beyond a box is looked for in one so many times as large, on cells so many times as large.
+_LARGER, _COARSER = 1.5, 2
 
 
 class VolumeCurve(NamedTuple):
@@ -53,6 +56,22 @@ class VolumeCurve(NamedTuple):
     def relative_error(self) -> float:
         """Greatest error of the estimator, relative to the wanted volume; not a number where nobody asked it."""
         return float("nan") if self.errors is None else float((self.errors / self.wanted).abs().max())
+
+
+def volume_beyond(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int) -> float:
+    """Volume of {f < 0} next to a box but outside it, within one and a half times its edges.
+
+    Only of interest where the surface leaves the box; what a network holds far from its surface is no shape.
+
+    Args:
+        field: f, maps points (n, d) to values (n,), negative inside.
+        bounds: Corners of the box, lowest first, shape (2, d).
+        resolution: Cells along its longest edge for volumes inside; half as many are taken here.
+    """
+    middle = bounds.mean(0)
+    cells = max(1, resolution // _COARSER)
+    larger = volume(field, middle + _LARGER * (bounds - middle), round(_LARGER * cells))
+    return max(0.0, larger - volume(field, bounds, cells))
 
 
 def even_times(count: int = 11) -> Float[Tensor, " k"]:

@@ -36,13 +36,15 @@ class Choice(NamedTuple):
 
 
 class Budget(NamedTuple):
-    """What each run may take, the same for all: minutes of training or a number of steps; one of both is None."""
+    """What each run may take: minutes of training, a number of steps, or, if both are None, the steps of its recipe."""
 
     minutes: float | None
     steps: int | None
 
     def __str__(self) -> str:
-        return f"{self.minutes:g} minutes of training" if self.minutes else f"{self.steps} steps"
+        if self.minutes:
+            return f"{self.minutes:g} minutes of training"
+        return f"{self.steps} steps" if self.steps else "the recipe's own number of steps"
 
 
 class Study(NamedTuple):
@@ -55,7 +57,6 @@ class Study(NamedTuple):
         budget: of every run.
         threads: of one run and of the evaluation; None takes all cores.
         official: whether the authors' morphs are a row too, where they published one.
-        checkpoint: which of a run is looked at, ``last`` or ``best``.
         ends: of each run, ``exact`` or ``network``.
         protocol: of the evaluation.
         folder: where everything goes.
@@ -69,7 +70,6 @@ class Study(NamedTuple):
     budget: Budget
     threads: int | None
     official: bool
-    checkpoint: str
     ends: str
     protocol: Protocol
     folder: Path
@@ -99,8 +99,6 @@ def read_study(config: Mapping[str, Any]) -> Study:
     seeds = tuple(config["seeds"])
     if not seeds or len(set(seeds)) < len(seeds) or not all(type(seed) is int for seed in seeds):
         raise InputError(f"seeds={list(seeds)} are not to be drawn from: give whole numbers, each once, as seeds=[0,1]")
-    if config["checkpoint"] not in ("last", "best"):
-        raise InputError(f"checkpoint={config['checkpoint']} is none that every run has: give last or best")
     protocol = {name: whole_number(name, config[name], least) for name, least in _LEAST.items()}
     return Study(
         str(config["name"]),
@@ -111,7 +109,6 @@ def read_study(config: Mapping[str, Any]) -> Study:
         _budget(config["minutes"], config["steps"]),
         None if config["threads"] is None else whole_number("threads", config["threads"], 1),
         bool(config["official"]),
-        config["checkpoint"],
         known_ends(config["ends"]),
         Protocol(**protocol),
         Path(config["output"]),
@@ -180,12 +177,13 @@ def _known(group: str) -> list[str]:
 
 
 def _budget(minutes: Any, steps: Any) -> Budget:
-    if (minutes is None) == (steps is None):
+    if minutes is not None and steps is not None:
         raise InputError(
-            f"minutes={minutes} and steps={steps} are no budget: give one of both and set the other to null"
+            f"`minutes` and `steps` must not both be given, got minutes={minutes} and steps={steps}. Try minutes=null "
+            f"steps={steps}, or both null for the recipe's own number of steps."
         )
     if minutes is None:
-        return Budget(None, whole_number("steps", steps, 1))
+        return Budget(None, None if steps is None else whole_number("steps", steps, 1))
     if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not 0 < minutes < float("inf"):
         raise InputError(f"minutes={minutes} is no time to train in: give a number above 0")
     return Budget(float(minutes), None)

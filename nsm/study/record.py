@@ -24,7 +24,7 @@ class Record(NamedTuple):
         settings: what makes it this run and no other; it goes on only under the same.
         trained: whether it makes steps at all; a method in closed form does not.
         threads: of its process; None for all cores.
-        steps: how many it makes; None until they are known.
+        steps: how many it makes; None until they are known, which for the recipe's own number is at the end.
         step_s: seconds of one step, by which minutes became steps.
         state: how far it is.
         reason: why it failed.

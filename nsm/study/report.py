@@ -15,6 +15,7 @@ import torch
 
 import nsm
 from nsm.files import whole_file
+from nsm.study.goals import goals_table
 from nsm.study.plan import OFFICIAL, Study
 from nsm.study.results import Result, described
 from nsm.study.tabulate import figure_names, figure_table, overview, terms_table, times_table
@@ -25,6 +26,8 @@ from nsm.writers.tables import Table, markdown, write_table
 
 #: The figures of the paper's table 9, which the page of a study begins with.
 _FIRST = ("volume std", "volume max")
+#: How figures of several seeds read.
+_SEEDS = "mean ± standard deviation (least–greatest), and a difference within that spread is none"
 #: Libraries whose version a result may depend on.
 _LIBRARIES = ("torch", "lightning", "hydra-core", "pytorch-optimizer", "geomloss")
 
@@ -57,6 +60,8 @@ def write_report(
     shown = [r for r in results if r.reason is None]
     by_figure = {name: figure_table(name, results, pairs, methods) for name in figure_names(results)}
     files = [file for name, table in by_figure.items() for file in write_table(folder / "tables" / _slug(name), table)]
+    goals = goals_table(results, pairs, methods)
+    files += write_table(folder / "tables" / "all", goals)
     sections = []
     for pair in pairs:
         tables = {
@@ -72,7 +77,7 @@ def write_report(
         sections.append(_section(pair, tables, [file.name for file in pictures]))
     files += _times(folder, shown)
     page = folder / "README.md"
-    text = _page(study, facts, results, by_figure, sections, (folder / "times.png") in files)
+    text = _page(study, facts, results, goals, by_figure, sections, (folder / "times.png") in files)
     with whole_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return [page, folder / "study.json", *files]
@@ -91,7 +96,7 @@ def _facts(study: Study) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "threads": study.threads,
         "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu",
-        "evaluation": study.protocol.describe() | {"checkpoint": study.checkpoint, "ends": study.ends},
+        "evaluation": study.protocol.describe() | {"ends": study.ends},
     }
 
 
@@ -141,6 +146,7 @@ def _page(
     study: Study,
     facts: dict[str, Any],
     results: Sequence[Result],
+    goals: Table,
     tables: dict[str, Table],
     sections: Sequence[str],
     timed: bool,
@@ -152,8 +158,8 @@ def _page(
         f"{study.budget} for each run, on a machine of {facts['cores']} cores ({facts['device']}), {threads}; "
         f"nsm {facts['versions']['nsm']}, torch {facts['versions']['torch']}. Volumes on "
         f"{study.protocol.volume_resolution} cells along the box at {study.protocol.times} times, ends on "
-        f"{study.protocol.surface_resolution}; of each run {study.checkpoint}.ckpt"
-        + (f"; seeds {', '.join(map(str, study.seeds))}: mean ± standard deviation" if len(study.seeds) > 1 else "")
+        f"{study.protocol.surface_resolution}; of each run best.ckpt"
+        + (f"; seeds {', '.join(map(str, study.seeds))}: {_SEEDS}" if len(study.seeds) > 1 else "")
         + ". The best of each column is in bold. `study.json` has everything.",
         "",
     ]
@@ -164,6 +170,8 @@ def _page(
             for r in missing
         ]
         head.append("")
+    if len(study.pairs) > 1 and goals.cells:
+        head += ["## All pairs", "", f"{goals.title}.", "", markdown(goals)]
     for name in _FIRST:
         if name in tables:
             head += [f"## {name}", "", f"{tables[name].title}.", "", markdown(tables[name])]

@@ -43,6 +43,8 @@ class Result:
         terms: the weighted terms of the loss at the end of training.
         checkpoint: the file that was looked at.
         ends: of the morph, ``exact`` or ``network``.
+        network_figures: the same figures of the network alone, where ``figures`` are those of the morph with exact
+            ends; empty where they are of the network already.
     """
 
     pair: str
@@ -59,6 +61,7 @@ class Result:
     terms: dict[str, float] = field(default_factory=dict)
     checkpoint: str | None = None
     ends: str = "network"
+    network_figures: dict[str, float | None] = field(default_factory=dict)
 
     def morph(self) -> Morph:
         """The morph itself, loaded anew."""
@@ -83,7 +86,7 @@ def result_of_run(study: Study, job: Job, tell: Tell) -> Result:
         retry = "; retry=true tries again" if state == FAILED else ""
         unfinished = f"it was left {state}; repeat the command to go on"
         return replace(bare, reason=record.reason + retry if record and record.reason else unfinished)
-    file = job.folder / "checkpoints" / f"{study.checkpoint}.ckpt"
+    file = job.folder / "checkpoints" / "best.ckpt"
     bare = replace(_timed(bare, job.folder), steps=record.steps, terms=_last_terms(job.folder))
     try:
         key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends}
@@ -132,14 +135,26 @@ def _evaluated(
     kept = json.loads(file.read_text()) if file.is_file() else {}
     if kept.get("key") != key:
         morph = load()
-        result = evaluate_morph(morph, protocol, lambda stage: tell(f"{bare.pair}/{bare.method}: {stage}"))
-        result = result._replace(flow=morph.flow_error() if isinstance(morph, ExactEnds) else None)
-        kept = {"key": key, **result.to_dict()}
+        name = f"{bare.pair}/{bare.method}"
+        result = evaluate_morph(morph, protocol, lambda stage: tell(f"{name}: {stage}"))
+        network: dict[str, float | None] = {}
+        if isinstance(morph, ExactEnds):
+            result = result._replace(flow=morph.flow_error())
+            bare_morph = evaluate_morph(morph.morph, protocol, lambda stage: tell(f"{name} (network): {stage}"))
+            network = bare_morph.to_dict()["figures"]
+        kept = {"key": key, **result.to_dict(), "network_figures": network}
         with whole_file(file) as temporary:
             temporary.write_text(json.dumps(kept, indent=2) + "\n")
     curve = kept["volume"]
     volumes = [math.nan if v is None else v for v in curve["volumes"]]
-    return replace(bare, figures=kept["figures"], times=curve["times"], volumes=volumes, checkpoint=checkpoint)
+    return replace(
+        bare,
+        figures=kept["figures"],
+        network_figures=kept["network_figures"],
+        times=curve["times"],
+        volumes=volumes,
+        checkpoint=checkpoint,
+    )
 
 
 def _timed(bare: Result, folder: Path) -> Result:

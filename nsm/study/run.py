@@ -51,7 +51,7 @@ def carry_out(config: Mapping[str, Any]) -> str:
     record = read_record(folder)
     if record is None:
         raise FileNotFoundError(f"{folder / 'run.json'} is missing: the study that planned this run was moved")
-    if record.trained and record.steps is None:
+    if record.trained and record.steps is None and record.settings["minutes"] is not None:
         record = _measured(folder, record)
     if record.reason is None:
         record = _trained(folder, record)
@@ -80,7 +80,8 @@ def _trained(folder: Path, record: Record) -> Record:
     status = _start([*_arguments(record, folder, record.steps), "resume=true"], log, record.threads)
     if status or not (folder / "summary.json").is_file():
         return _failed(record, status, log)
-    return record._replace(state=DONE)
+    made = json.loads((folder / "summary.json").read_text())["steps"]
+    return record._replace(state=DONE, steps=made if record.trained else None)
 
 
 def _arguments(record: Record, folder: Path, steps: int | None) -> list[str]:

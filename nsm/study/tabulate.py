@@ -22,11 +22,11 @@ _MAIN = {
     "gradient norm mean": "‖∇f‖",
     "level set surface": "level set error",
     "roughness mean": "roughness (°)",
-    "most components": "components",
+    "most pieces": "components",
     "topology events": "changes of topology",
 }
 #: Figures that are better the nearer they are to one.
-_NEAR_ONE = ("gradient norm mean", "gradient norm least", "speed max/mean")
+_NEAR_ONE = ("gradient norm mean", "gradient norm least", "gradient norm greatest", "speed max/mean")
 #: Figures of which neither the greatest nor the least is better.
 _NEUTRAL = (
     f"volume{AT}0",
@@ -38,6 +38,8 @@ _NEUTRAL = (
     "area greatest",
     "fewest components",
     "most components",
+    "fewest pieces",
+    "most pieces",
     "most handles",
     "topology events",
 )
@@ -60,9 +62,9 @@ def figure_table(name: str, results: Sequence[Result], pairs: Sequence[str], row
     cells = {}
     for pair in pairs:
         for row in rows:
-            cell = _cell(_of(results, pair, row), partial(_figure, name=name))
-            if cell is not None:
-                cells[row, pair] = cell
+            found = cell(of_row(results, pair, row), partial(_figure, name=name))
+            if found is not None:
+                cells[row, pair] = found
     return Table(title, columns, rows, cells)
 
 
@@ -111,22 +113,24 @@ def _by_column(
     cells = {}
     for column in columns:
         for row in rows:
-            cell = _cell(_of(results, pair, row), takes[column.name])
-            if cell is not None:
-                cells[row, column.name] = cell
-    return Table(title, columns, [row for row in rows if _of(results, pair, row)], cells)
+            found = cell(of_row(results, pair, row), takes[column.name])
+            if found is not None:
+                cells[row, column.name] = found
+    return Table(title, columns, [row for row in rows if of_row(results, pair, row)], cells)
 
 
-def _of(results: Sequence[Result], pair: str, method: str) -> list[Result]:
+def of_row(results: Sequence[Result], pair: str, method: str) -> list[Result]:
+    """The results of a method on a pair, one a seed."""
     return [r for r in results if r.pair == pair and r.method == method]
 
 
-def _cell(results: Sequence[Result], take: Callable[[Result], float | None]) -> Cell | None:
-    """Mean and standard deviation over the seeds that have a figure."""
+def cell(results: Sequence[Result], take: Callable[[Result], float | None]) -> Cell | None:
+    """Mean, standard deviation and range over the seeds that have a figure."""
     known = [value for result in results if (value := take(result)) is not None and math.isfinite(value)]
     if not known:
         return None
-    return Cell(statistics.fmean(known), statistics.stdev(known) if len(known) > 1 else 0.0, len(known))
+    std = statistics.stdev(known) if len(known) > 1 else 0.0
+    return Cell(statistics.fmean(known), std, len(known), (min(known), max(known)))
 
 
 def _column(head: str, figure: str) -> Column:

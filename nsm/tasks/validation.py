@@ -16,7 +16,7 @@ from nsm.geometry.distance import sample_mesh
 from nsm.geometry.grid import Lattice, evaluate, sample_band
 from nsm.geometry.meshing import open_sides, surface_in_band
 from nsm.geometry.volume import volume, volume_in_surface
-from nsm.metrics import VolumeCurve, even_times
+from nsm.metrics import VolumeCurve, even_times, volume_beyond
 from nsm.metrics.pieces import Leftover, Pieces
 from nsm.morph import NeuralMorph
 from nsm.shapes import FieldShape
@@ -33,8 +33,6 @@ _BLOCKS = 12
 _MARGIN = 3
 #: Points drawn on the surface at either end.
 _POINTS = 4000
-#: The volume beyond the training box is looked for in a box so many times as large, on cells so many times as large.
-_BEYOND, _BEYOND_CELLS = 1.5, 2
 
 
 class Look(NamedTuple):
@@ -196,20 +194,15 @@ class Validator:
 
     def _beyond(self, looks: Sequence[Look], step: int) -> float:
         """Volume beyond the training box, relative to the source's, at the time when it is greatest."""
-        cut = [
-            (time, look.volume)
-            for time, look in zip(self.times.tolist(), looks, strict=True)
-            if open_sides(look.mesh, self.box)
-        ]
+        cut = [t for t, look in zip(self.times.tolist(), looks, strict=True) if open_sides(look.mesh, self.box)]
         if not cut:
             return 0.0
-        resolution = round(_BEYOND * self.resolution / _BEYOND_CELLS)
-        found = [volume(partial(self.morph, t=time), _BEYOND * self.box, resolution) - inside for time, inside in cut]
-        share = max(0.0, *found) / float(self.end_volumes[0])
+        found = [volume_beyond(partial(self.morph, t=time), self.box, self.resolution) for time in cut]
+        share = max(found) / float(self.end_volumes[0])
         log.warning(
             "at step %d the moving shape leaves the training box [-%g, %g]^%d at t = %.2g, with about %.1f %% of its "
             "volume beyond it, where f is not trained: give a larger sampler.box.half_width",
-            step, *(float(self.box[1, 0]),) * 2, self.morph.dim, cut[0][0], 100 * share,
+            step, *(float(self.box[1, 0]),) * 2, self.morph.dim, cut[0], 100 * share,
         )  # fmt: skip
         return share
 

@@ -13,11 +13,15 @@ from nsm.files import whole_file
 
 
 class Cell(NamedTuple):
-    """A figure, as the mean and the standard deviation of what several seeds gave (0 for a single one)."""
+    """A figure, as the mean and the standard deviation of what several seeds gave (0 for a single one), and its range.
+
+    The range is the least and the greatest of them, None where it is not to be shown.
+    """
 
     mean: float
     std: float = 0.0
     seeds: int = 1
+    range: tuple[float, float] | None = None
 
 
 class Column(NamedTuple):
@@ -97,16 +101,16 @@ def latex(table: Table) -> str:
 
 
 def comma_separated(table: Table) -> str:
-    """The table as CSV, all digits; with several seeds, a column of deviations beside each of means."""
+    """The table as CSV, all digits; with several seeds, the deviation, least, and greatest value beside each mean."""
     several = any(cell.seeds > 1 for cell in table.cells.values())
-    heads = [[column.name, f"{column.name} std"][: 1 + several] for column in table.columns]
+    beside = ("std", "min", "max") if several else ()
+    heads = [[column.name, *(f"{column.name} {what}" for what in beside)] for column in table.columns]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([table.corner, *(head for pair in heads for head in pair)])
     for row in table.rows:
         found = [table.cells.get((row, column.name)) for column in table.columns]
-        numbers = [["", ""] if cell is None else [f"{cell.mean:.9g}", f"{cell.std:.9g}"] for cell in found]
-        writer.writerow([row, *(text for pair in numbers for text in pair[: 1 + several])])
+        writer.writerow([row, *(text for cell in found for text in _digits(cell)[: 1 + len(beside)])])
     return out.getvalue()
 
 
@@ -132,10 +136,20 @@ def _texts(table: Table, between: str, bold: Callable[[str], str]) -> list[tuple
                 texts.append(_MISSING)
                 continue
             text = _shown(cell.mean, column.digits)
-            text += between + _shown(cell.std, column.digits) if cell.seeds > 1 else ""
+            if cell.seeds > 1:
+                text += between + _shown(cell.std, column.digits)
+                text += f" ({'–'.join(_shown(value, column.digits) for value in cell.range)})" if cell.range else ""
             texts.append(bold(text) if row in best[column.name] else text)
         rows.append((row, texts))
     return rows
+
+
+def _digits(cell: Cell | None) -> list[str]:
+    """Mean, deviation, least and greatest value, all digits; nothing where there is none."""
+    if cell is None:
+        return [""] * 4
+    known = [f"{value:.9g}" for value in (cell.mean, cell.std, *(cell.range or ()))]
+    return known + [""] * (4 - len(known))
 
 
 def _shown(value: float, digits: int | None) -> str:
