@@ -440,6 +440,7 @@ def test_an_interrupt_lets_a_run_finish_its_step_and_the_study_stops(
 
     def interrupt() -> None:
         wait_for((job.folder / "tick").is_file)
+        time.sleep(1)  # a signal that comes before the main thread waits for the run would not wake it
         os.kill(os.getpid(), signal.SIGINT)
 
     thread = threading.Thread(target=interrupt)
