@@ -180,6 +180,7 @@ def test_every_seed_has_a_folder_of_its_own_and_overrides_add_up() -> None:
         (["seeds=[1,1]"], "not to be drawn from"),
         (["checkpoint=first"], "give last or best"),
         (["times=1"], "times=1 cannot be"),
+        (["ends=soft"], "`ends` must be exact or network, got soft"),
     ],
 )
 def test_what_cannot_be_compared_is_told_in_a_sentence(overrides: list[str], told: str) -> None:
@@ -237,6 +238,13 @@ def test_a_study_ends_with_a_folder_that_shows_it_and_a_failed_run_is_a_row(
     monkeypatch.setattr(run, "_start", lambda *rest: pytest.fail("trained again"))
     assert compare_here(*command, "times=5") == 0
     assert len(rows(tmp_path)["adadiv"]["volume"]["times"]) == 5
+
+    # and so do other ends
+    assert "flow map" not in rows(tmp_path)["adadiv"]["figures"]
+    assert compare_here(*command, "ends=exact") == 0
+    figures = rows(tmp_path)["adadiv"]["figures"]
+    assert figures["morph to shape t=1"] < 1e-5 < found["adadiv"]["figures"]["morph to shape t=1"]
+    assert figures["flow map"] < 1e-3
 
 
 _STEMS = ["tables/volume_std", "tables/volume_max", "pairs/disk_translation", "pairs/disk_translation_times"]
