@@ -12,7 +12,7 @@ from torch import Tensor
 from nsm.end_detail import EndDetail, shape_gradient
 from nsm.geometry.distance import sample_mesh
 from nsm.geometry.flow import FlowError, FlowMaps
-from nsm.geometry.grid import Lattice, evaluate
+from nsm.geometry.grid import CHUNK, Lattice, evaluate
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.transport import RungeKutta, carry
 from nsm.transported import velocity_of
@@ -92,14 +92,14 @@ class ExactEnds:
         x = x.to(self.bounds)
         if isinstance(t, Tensor) and t.ndim:
             return self._at_times(x, t)
-        return self._value(x, float(t))
+        return torch.cat([self._value(chunk, float(t)) for chunk in x.split(CHUNK)])
 
     def gradient(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"]:
         """Spatial gradient (n, d) of the signed distance."""
         x = x.to(self.bounds)
         if isinstance(t, Tensor) and t.ndim:
             return self._gradient_at_times(x, t)
-        return self._gradient(x, float(t))
+        return torch.cat([self._gradient(chunk, float(t)) for chunk in x.split(CHUNK)])
 
     def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
         """Velocity (n, d) of the morph, in units of length per unit of t."""

@@ -179,6 +179,7 @@ def test_every_seed_has_a_folder_of_its_own_and_overrides_add_up() -> None:
         (["minutes=null", "steps=1.5"], "steps=1.5 cannot be"),
         (["seeds=[1,1]"], "not to be drawn from"),
         (["times=1"], "times=1 cannot be"),
+        (["ends=soft"], "`ends` must be exact or network, got soft"),
     ],
 )
 def test_what_cannot_be_compared_is_told_in_a_sentence(overrides: list[str], told: str) -> None:
@@ -236,6 +237,13 @@ def test_a_study_ends_with_a_folder_that_shows_it_and_a_failed_run_is_a_row(
     monkeypatch.setattr(run, "_start", lambda *rest: pytest.fail("trained again"))
     assert compare_here(*command, "times=5") == 0
     assert len(rows(tmp_path)["adadiv"]["volume"]["times"]) == 5
+
+    # and so do other ends
+    assert "flow map" not in rows(tmp_path)["adadiv"]["figures"]
+    assert compare_here(*command, "ends=exact") == 0
+    figures = rows(tmp_path)["adadiv"]["figures"]
+    assert figures["morph to shape t=1"] < 1e-5 < found["adadiv"]["figures"]["morph to shape t=1"]
+    assert figures["flow map"] < 1e-3
 
 
 def test_the_pairs_are_five_of_networks_and_three_of_meshes_with_three_seeds() -> None:

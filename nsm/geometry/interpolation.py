@@ -32,7 +32,7 @@ class Interpolant:
     def __init__(self, lattice: Lattice, values: Float[Tensor, "k m"]) -> None:
         if len(values) != prod(lattice.shape):
             raise ValueError(f"values must have a row for each of {prod(lattice.shape)} points, got {len(values)} rows")
-        self.lattice = lattice
+        self.lattice, self.values = lattice, values
         grid = values.view(*lattice.shape, -1)
         for axis, count in enumerate(lattice.shape):  # one more layer around, extrapolated
             first, second, last, before = (grid.narrow(axis, i, 1) for i in (0, 1, count - 1, count - 2))
