@@ -18,6 +18,7 @@ from runs import BARE, DISK, STILL, TINY, files, train_here
 from nsm import callbacks, load_morph
 from nsm.checkpoint import load_shape
 from nsm.morph import NeuralMorph
+from nsm.shapes import Similarity
 from nsm.tasks import MorphTask
 from nsm.tasks.fit import SdfFit
 from nsm.types import Morph
@@ -174,9 +175,10 @@ def test_one_shape_alone_becomes_a_network_that_serves_as_an_end_of_a_morph(
     assert train_here(*bare, *ends, "steps=1", "validations=1", f"hydra.run.dir={morph}") == 0
     shape, loaded = load_shape(folder), load_morph(morph)
     entry = torch.load(morph / "checkpoints" / "last.ckpt", weights_only=True)["nsm"]
-    scale, x = entry["provenance"]["source"]["scale"], torch.rand(20, 3) - 0.5
-    moved = shape(x / scale - torch.tensor([0.1, 0.0, 0.0])) * scale
-    torch.testing.assert_close(loaded.source(x), moved, rtol=1e-4, atol=1e-5)
+    # what took the shape from where it was fitted to where the pair was placed
+    placed = Similarity.read(entry["provenance"]["source"]["similarity"], 3).after(shape.similarity.inverse())
+    x = torch.rand(20, 3) - 0.5
+    torch.testing.assert_close(loaded.source(x), placed.scale * shape(placed.pull_back(x)), rtol=1e-4, atol=1e-5)
 
 
 def test_a_mesh_becomes_a_network_in_the_same_command_once(
