@@ -274,7 +274,8 @@ def test_a_run_writes_what_a_run_does_and_loads_bit_for_bit(finished: Path, tmp_
     assert isinstance(ours, TransportMorph)
     assert torch.equal(ours(x, 0.5), again(x, 0.5))
     assert float(ours(torch.tensor([[0.0, 0.0]]), 0.5)) < 0
-    torch.testing.assert_close(ours.source(x), (x - torch.tensor([-0.5, 0.0])).norm(dim=1) - 0.3)
+    scale = 0.9 / 0.8  # the disks reach from -0.8 to 0.8, and fill the box to 0.9
+    torch.testing.assert_close(ours.source(x), (x - scale * torch.tensor([-0.5, 0.0])).norm(dim=1) - scale * 0.3)
 
 
 def test_a_run_may_have_meshes_and_a_strip(tmp_path: Path) -> None:
