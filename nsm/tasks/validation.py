@@ -185,9 +185,9 @@ class Validator:
         return sum(distances) / len(distances)
 
     def _box_around(self, meshes: Sequence[SimplexMesh]) -> Float[Tensor, "2 d"]:
-        corners = torch.cat(
-            [mesh.vertices for mesh in meshes] + [shape.bounds().to(self.box) for shape in self._shapes]
-        )
+        seen = [*meshes, *(look.mesh for look in self._end_looks)]
+        # the center of the training box belongs to it, for slices are laid through it
+        corners = torch.cat([mesh.vertices for mesh in seen] + [self.box.mean(0, keepdim=True)])
         margin = _MARGIN * (self.box[1] - self.box[0]) / self.resolution
         low = torch.maximum(corners.amin(0) - margin, self.box[0])
         return torch.stack([low, torch.minimum(corners.amax(0) + margin, self.box[1])])
