@@ -175,6 +175,31 @@ def test_a_plate_of_thickness_a_fiftieth_is_measured_wherever_it_lies(place: flo
     assert found.components == 1
 
 
+def test_a_thin_fin_on_a_thick_body_is_not_overlooked() -> None:
+    """Two grids miss the fin and agree on the body, whose volume is not all of it."""
+    fin, body = [0.9, 0.9, 0.02], Ball(0.2)
+
+    class Winged(Ball):
+        def forward(self, x: Tensor) -> Tensor:
+            return torch.minimum(super().forward(x), Box(fin, [0.0, 0.0, 0.313])(x))
+
+        def volume(self) -> float:
+            return super().volume() + math.prod(fin)
+
+    validator = Validator(NeuralMorph(Balls((0.2, [0.0] * 3, [0.0] * 3)), None, Winged(0.2), body), 1.5, RESOLUTION, 2)
+    assert float(validator.end_volumes[0]) == pytest.approx(body.volume() + math.prod(fin), rel=0.03)
+
+
+def test_a_volume_that_no_grid_confirms_costs_no_finer_one() -> None:
+    class Boasting(Ball):
+        def volume(self) -> float:
+            return 2 * super().volume()
+
+    validator = Validator(still((0.5, [0.0, 0.0, 0.0])), 1.5, RESOLUTION, 2)
+    validator.morph.source = Boasting(0.5)
+    assert validator.resolution == RESOLUTION
+
+
 def test_a_shape_that_no_grid_resolves_leaves_a_finite_error_and_a_sentence(caplog: pytest.LogCaptureFixture) -> None:
     sides = [1.0, 0.002]
     morph = NeuralMorph(Sliding(sides, 0.31), None, Box(sides, [0.0, 0.0]), Box(sides, [0.0, 0.31]))

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Sequence
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -27,6 +28,8 @@ log = logging.getLogger(__name__)
 #: A grid resolves a shape when its volume on it is right to this part; until then there are more cells, by this factor
 #: each time, so many times.
 _VOLUME_TOLERANCE, _MORE, _TIMES_MORE = 0.02, 1.5, 4
+#: A volume that is the same on so many grids is what they can measure.
+_UNCHANGED = 3
 #: Blocks of the grid along the box among which the surface is looked for first: fewer than for a final measurement.
 _BLOCKS = 12
 #: Cells between the surface and the box that is put around it.
@@ -121,16 +124,19 @@ class Validator:
     def resolution(self) -> int:
         """Cells along the training box: enough for both end shapes, thin ones too, wherever they lie in the cells."""
         true = [shape.volume() for shape in self._shapes]
-        before: list[float] = []
+        seen: dict[int, list[float]] = {}
         for resolution in (round(self._resolution * _MORE**times) for times in range(_TIMES_MORE + 1)):
             half_a_cell = (self.box[1] - self.box[0]) / resolution / 2
             grids = self.box, self.box + half_a_cell
-            measured = [look_at(shape, box, resolution).volume for box in grids for shape in self._shapes]
-            error = _greatest_error(measured, true * len(grids))
-            # what more cells do not change is no matter of cells
-            if error <= _VOLUME_TOLERANCE or (before and _greatest_error(measured, before) <= _VOLUME_TOLERANCE):
+            seen[resolution] = [look_at(shape, box, resolution).volume for box in grids for shape in self._shapes]
+            error = _greatest_error(seen[resolution], true * len(grids))
+            if error <= _VOLUME_TOLERANCE:
                 return resolution
-            before = measured
+            # what more cells do not change, and more once again, is no matter of cells
+            last = list(seen)[-_UNCHANGED:]
+            changes = [_greatest_error(seen[fine], seen[coarse]) for coarse, fine in pairwise(last)]
+            if len(last) == _UNCHANGED and max(changes) <= _VOLUME_TOLERANCE:
+                return last[0]
         log.warning(
             "an end shape is so thin that %d cells along the training box measure its volume %.0f %% wrong, so the "
             "volumes of validations are rough: give task.volume_resolution=%d",
@@ -185,9 +191,9 @@ class Validator:
         return sum(distances) / len(distances)
 
     def _box_around(self, meshes: Sequence[SimplexMesh]) -> Float[Tensor, "2 d"]:
-        corners = torch.cat(
-            [mesh.vertices for mesh in meshes] + [shape.bounds().to(self.box) for shape in self._shapes]
-        )
+        seen = [*meshes, *(look.mesh for look in self._end_looks)]
+        # the center of the training box belongs to it, for slices are laid through it
+        corners = torch.cat([mesh.vertices for mesh in seen] + [self.box.mean(0, keepdim=True)])
         margin = _MARGIN * (self.box[1] - self.box[0]) / self.resolution
         low = torch.maximum(corners.amin(0) - margin, self.box[0])
         return torch.stack([low, torch.minimum(corners.amax(0) + margin, self.box[1])])
