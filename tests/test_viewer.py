@@ -393,7 +393,9 @@ def test_the_command_records(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     ball, out = save(shrinking(3, 0.2), tmp_path / "ball.ckpt"), tmp_path / "out.html"
     assert run_here(view, f"checkpoint={ball}", "times=2", "resolution=12", f"record={out}") == 0
     assert out.stat().st_size > 0
-    assert f"wrote {out}" in sentence(capsys.readouterr().out)
+    said = sentence(capsys.readouterr().out)
+    assert f"wrote {out}" in said
+    assert "has no velocity to carry detail along" in said
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
