@@ -571,7 +571,7 @@ def test_latex_is_balanced_and_escaped() -> None:
         assert len(re.findall(r"(?<!\\)\$", row)) % 2 == 0
         assert not re.search(r"(?<!\\)[_%#]", row)
     assert r"volume \& std" in rows[0]
-    assert r"\textbf{0.900 $\pm$ 0.0100 (0.890–0.910)}" in rows[1]
+    assert r"\textbf{0.900 $\pm$ 0.0100 (0.890--0.910)}" in rows[1]
 
 
 def test_csv_keeps_all_digits_and_both_numbers() -> None:
