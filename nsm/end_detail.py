@@ -6,7 +6,6 @@ import math
 from functools import cached_property, partial
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
@@ -23,8 +22,6 @@ REACH, _REACH_CELLS = 0.03, 3.0
 NEAR = 0.04
 #: Points along the edges of the blocks that are cut into halves, or left out, until they are single points.
 _BLOCK = 8
-#: Cells along the edges of the blocks in which the table is known to be 0, or not.
-_HELD = 4
 #: A bound on the slope of signed distances, by which blocks are left out.
 _SLOPE = 1.2
 
@@ -53,9 +50,7 @@ class EndDetail:
     def value(self, y: Tensor, t: Tensor) -> Tensor:
         """The term of this end (n,), for points that are at y at the end."""
         share = self.share(t)
-        value = y.new_zeros(len(y))
-        held = self._held(y)
-        value = (self.weight(t) - share) * value.masked_scatter(held, self.table(y[held])[:, 0])
+        value = (self.weight(t) - share) * self.table(y)[:, 0]
         near = (share > 0).expand(len(y))
         if near.any():
             fine = share.expand(len(y))[near] * self.difference(y[near])
@@ -65,10 +60,7 @@ class EndDetail:
     def gradient(self, y: Tensor, t: Tensor, step: float) -> Tensor:
         """The gradient of that with respect to y (n, d)."""
         share = self.share(t)
-        held = self._held(y)
-        gradient = torch.zeros_like(y)
-        gradient[held] = self.table.jet(y[held])[1][:, 0]
-        gradient *= (self.weight(t) - share).view(-1, 1)
+        gradient = (self.weight(t) - share).view(-1, 1) * self.table.jet(y)[1][:, 0]
         near = (share > 0).expand(len(y))
         if near.any():
             slope = shape_gradient(self.shape, y[near], step) - self.morph.gradient(y[near], self.time)
@@ -105,20 +97,6 @@ class EndDetail:
         values = difference.new_zeros(math.prod(lattice.shape), 1)
         values[(index * torch.tensor(stride, device=index.device)).sum(1), 0] = _fade(apart / reach) * difference
         return Interpolant(lattice, values)
-
-    @cached_property
-    def _blocks(self) -> Tensor:
-        """Blocks of the table's cells where it is not 0 everywhere, the points around included."""
-        shape = self.table.lattice.shape
-        there = (self.table.values != 0).view(1, 1, *shape).float()
-        pool = F.max_pool3d if len(shape) == 3 else F.max_pool2d
-        return pool(there, _HELD + 4, _HELD, 2, ceil_mode=True)[0, 0] > 0
-
-    def _held(self, y: Tensor) -> Tensor:
-        """Whether the table may differ from 0 at points (n,)."""
-        lattice, blocks = self.table.lattice, self._blocks
-        cell = ((y.detach() - lattice.origin) / lattice.step / _HELD).floor().long().clamp(min=0)
-        return blocks[tuple(torch.minimum(cell, torch.tensor(blocks.shape, device=y.device) - 1).T)]
 
     def _sampled(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """How far points are from both surfaces, 0 between them, and h there."""

@@ -32,12 +32,14 @@ class Interpolant:
     def __init__(self, lattice: Lattice, values: Float[Tensor, "k m"]) -> None:
         if len(values) != prod(lattice.shape):
             raise ValueError(f"values must have a row for each of {prod(lattice.shape)} points, got {len(values)} rows")
-        self.lattice, self.values = lattice, values
+        self.lattice = lattice
         grid = values.view(*lattice.shape, -1)
         for axis, count in enumerate(lattice.shape):  # one more layer around, extrapolated
             first, second, last, before = (grid.narrow(axis, i, 1) for i in (0, 1, count - 1, count - 2))
             grid = torch.cat([2 * first - second, grid, 2 * last - before], axis)
-        self._rows = grid.flatten(0, -2)
+        rows = grid.flatten(0, -2)
+        # four consecutive rows as one, since they are gathered together
+        self._runs = rows.as_strided((len(rows) - 3, 4 * rows.shape[1]), (rows.shape[1], 1))
 
     def __call__(self, x: Float[Tensor, "n d"]) -> Float[Tensor, "n m"]:
         """Evaluate the interpolant.
@@ -79,10 +81,12 @@ class Interpolant:
         place = torch.minimum(place.clamp(min=0), last)
         cell = torch.minimum(place.detach().long(), last - 1)
         index = torch.zeros(len(x), 1, dtype=torch.long, device=x.device)
-        for axis, count in enumerate(shape):
+        for axis, count in enumerate(shape[:-1]):
             around = cell[:, axis, None] + torch.arange(4, device=x.device)
             index = (index[:, :, None] * (count + 2) + around[:, None]).flatten(1)
-        return self._rows[index], place - cell, inside
+        index = index * (shape[-1] + 2) + cell[:, -1:]
+        rows = torch.index_select(self._runs, 0, index.flatten())
+        return rows.view(len(x), 4 ** len(shape), -1), place - cell, inside
 
 
 def _products(weights: list[Tensor]) -> Float[Tensor, "n k"]:
