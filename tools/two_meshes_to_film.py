@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import nsm  # isort: skip  # noqa: F401 (before torch: it settles how threads wait for each other)
 import lightning as L
 import torch
 from pytorch_optimizer import SOAP
