@@ -7,7 +7,7 @@ RUN := $(VENV)/bin/python -m
 PIP := $(RUN) pip install -qq --disable-pip-version-check --no-input
 STAMP := $(VENV)/.installed
 # The Khronos validator of glTF files, for the tests; without npm they are skipped.
-GLTF := tests/gltf/node_modules/.package-lock.json
+GLTF := tests/io/validator/node_modules/.package-lock.json
 
 # The official networks and meshes; without them the tests that need them are skipped.
 NSM_DATA_DIR ?= $(abspath $(wildcard ../shared/data))
@@ -36,8 +36,8 @@ lint: $(STAMP) ## check style, types and the direction of imports
 bench: $(STAMP) ## measure the speed of a training step and what else tools/bench_*.py measures
 	@set -e; for tool in tools/bench_*.py; do echo "== $$tool"; $(VENV)/bin/python $$tool; done
 
-$(GLTF): tests/gltf/package-lock.json
-	@if command -v npm >/dev/null; then npm ci --silent --no-fund --ignore-scripts --prefix tests/gltf \
+$(GLTF): tests/io/validator/package-lock.json
+	@if command -v npm >/dev/null; then npm ci --silent --no-fund --ignore-scripts --prefix tests/io/validator \
 		|| echo "npm could not install the validator of glTF files" >&2; fi
 
 $(STAMP): pyproject.toml constraints.txt

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from nsm.runtime import share_cores
+from nsm.cli.runtime import share_cores
 
 if TYPE_CHECKING:
-    from nsm.checkpoint import load_morph
-    from nsm.exact_ends import ExactEnds
+    from nsm.io.checkpoint import load_morph
+    from nsm.morphs.exact_ends import ExactEnds
 
 share_cores()  # before anything imports torch
 
@@ -24,11 +24,11 @@ __all__ = ["ExactEnds", "__version__", "load_morph"]
 def __getattr__(name: str) -> Any:
     # resolved on first use, so that `import nsm.types` does not import everything
     if name == "load_morph":
-        from nsm.checkpoint import load_morph
+        from nsm.io.checkpoint import load_morph
 
         return load_morph
     if name == "ExactEnds":
-        from nsm.exact_ends import ExactEnds
+        from nsm.morphs.exact_ends import ExactEnds
 
         return ExactEnds
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

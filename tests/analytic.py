@@ -12,10 +12,10 @@ from unittest import mock
 
 import torch
 
-from nsm import entry
-from nsm.checkpoint import describe
+from nsm.cli import entry
 from nsm.fields import Free, ScalarSiren, VectorSiren
-from nsm.morph import NeuralMorph
+from nsm.io.checkpoint import describe
+from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball, FieldShape
 
 #: ω of the networks here: any would do.
@@ -73,7 +73,7 @@ def save(morph: NeuralMorph, file: Path, **entry_values: Any) -> Path:
     """Write a morph as a checkpoint; ``entry_values`` replace what stands under ``nsm``."""
     field = morph.field
     model = {
-        "_target_": "nsm.morph.NeuralMorph",
+        "_target_": "nsm.morphs.neural.NeuralMorph",
         "field": {
             "_target_": "nsm.fields.ScalarSiren",
             "in_features": field.in_features,

@@ -11,8 +11,9 @@ from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from nsm import entry, train
-from nsm.configuration import CONF
+from nsm.cli import entry
+from nsm.cli.configuration import CONF
+from nsm.train import __main__ as train
 
 #: Networks, batches and grids so small that a run takes a second. The shapes come out rough.
 TINY = (

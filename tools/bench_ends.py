@@ -18,8 +18,8 @@ from collections.abc import Callable
 import torch
 
 from nsm import ExactEnds, load_morph
-from nsm.frames import extract_frame
-from nsm.official import load_official
+from nsm.io.official import load_official
+from nsm.morphs.surfaces import extract_frame
 from nsm.types import Morph
 
 #: What is asked for: times as long.

@@ -22,10 +22,10 @@ import torch
 from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
-from nsm.checkpoint import load_morph
 from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.meshing import OFF_LEVEL, extract_surface
-from nsm.official import load_official
+from nsm.io.checkpoint import load_morph
+from nsm.io.official import load_official
 from nsm.types import Morph
 
 #: What is asked for: times faster, distance of vertices, bytes.

@@ -29,10 +29,12 @@ import torch
 from lightning.pytorch.loops.optimization.automatic import Closure
 from lightning.pytorch.trainer.connectors.logger_connector.logger_connector import _LoggerConnector
 
-from nsm import calculus, entry, train
-from nsm.callbacks import Progress
+from nsm import calculus
+from nsm.cli import entry
 from nsm.sampling import MorphSampler, MovingSurface
-from nsm.tasks import FieldTask
+from nsm.train import __main__ as train
+from nsm.train.callbacks import Progress
+from nsm.train.tasks import FieldTask
 
 #: Parts that ought to be all of a step, and how much of it they must be.
 USEFUL, LEAST = ("sweeps of the networks", "products of the optimizer"), 0.85

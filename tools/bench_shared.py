@@ -3,7 +3,7 @@
     python tools/bench_shared.py [--threads N] [--rounds 8] [--seconds 2] [--spins 0 1000 10000]
 
 A step is that of the default configuration (loss, velocity, optimizer, batch of 5 000 points), as in bench_step.py. It
-runs in processes of its own, one per setting of GNU OpenMP: as shipped (what `nsm.runtime.share_cores` sets), the
+runs in processes of its own, one per setting of GNU OpenMP: as shipped (what `nsm.cli.runtime.share_cores` sets), the
 library's default, and those of --spins (times that a waiting thread looks for work before it sleeps). They are measured
 in turn, each for so many seconds, so that all see the machine in one state; all the others sleep. The neighbors are
 processes that count, one pinned to each core, and stopped while a step is measured alone. Figures are medians over the
@@ -22,7 +22,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from nsm.runtime import keep_freed_memory
+from nsm.cli.runtime import keep_freed_memory
 
 #: What is asked for: times slower beside neighbors, and part of the library's own speed lost when alone.
 SLOWER, LOSS = 2.5, 0.05

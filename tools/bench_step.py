@@ -26,9 +26,9 @@ import torch
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
-from nsm.configuration import CONF
+from nsm.cli.configuration import CONF
+from nsm.cli.runtime import keep_freed_memory
 from nsm.losses import Evaluation
-from nsm.runtime import keep_freed_memory
 from nsm.sampling import Batch
 from nsm.shapes import LandmarkPairs, SirenShape
 

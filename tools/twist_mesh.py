@@ -15,7 +15,7 @@ import argparse
 import numpy as np
 import trimesh
 
-from nsm.files import whole_file
+from nsm.cli.files import whole_file
 
 
 def main() -> None:

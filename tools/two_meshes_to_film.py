@@ -22,25 +22,19 @@ import lightning as L
 import torch
 from pytorch_optimizer import SOAP
 
-from nsm.callbacks import Progress
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
+from nsm.cli.files import whole_file
 from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
-from nsm.files import whole_file
-from nsm.losses import (
-    AmbientDirichlet,
-    Eikonal,
-    EndVolume,
-    LevelSet,
-    NormalAlignment,
-    SurfaceDirichlet,
-    WeightedSum,
-)
+from nsm.losses import AmbientDirichlet, Eikonal, EndVolume, LevelSet, NormalAlignment, SurfaceDirichlet, WeightedSum
 from nsm.metrics import Protocol, evaluate_morph
-from nsm.morph import NeuralMorph
+from nsm.morphs.neural import NeuralMorph
+from nsm.plots.curves import plot_volume_curves, write_volume_curve
+from nsm.plots.look import Look
+from nsm.render.film import Pace, render_film
 from nsm.sampling import Box, EndSurfaces, Fractions, MorphSampler, MovingSurface, UniformTime
 from nsm.shapes import FieldShape, MeshFile, equal_volume, place_together
-from nsm.tasks import FieldData, MorphTask, draw_pools, warmup_cosine
-from nsm.writers import Look, Pace, plot_volume_curves, render_film, write_volume_curve
+from nsm.train.callbacks import Progress
+from nsm.train.tasks import FieldData, MorphTask, draw_pools, warmup_cosine
 
 #: Space is three-dimensional; the shapes lie in [-1, 1]^3, and the equations are asked for a little beyond.
 DIM, HALF_WIDTH = 3, 1.5

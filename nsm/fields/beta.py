@@ -11,7 +11,7 @@ from math import inf
 import torch
 from torch import Tensor, nn
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 
 
 class Beta(nn.Module, ABC):

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from nsm import calculus
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.fields.init import siren_init_
 from nsm.fields.scalar import ScalarNetwork
 from nsm.types import Jet, VectorJet

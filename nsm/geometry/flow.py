@@ -13,9 +13,9 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from torch import Tensor
 
+from nsm.geometry.advection import RungeKutta, VelocityField
 from nsm.geometry.grid import CHUNK, Lattice
 from nsm.geometry.interpolation import Interpolant
-from nsm.geometry.transport import RungeKutta, VelocityField
 
 #: Runge-Kutta steps in a unit of time through the table of velocities.
 STEPS = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.geometry.grid import Lattice, sample_band
 from nsm.geometry.meshing import open_sides, surface_in_band
 from nsm.geometry.topology import enclosed_volume, measure

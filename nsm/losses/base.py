@@ -9,7 +9,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.fields.scalar import ScalarNetwork
 from nsm.fields.velocity import Free, Velocity
 from nsm.sampling.batch import Batch

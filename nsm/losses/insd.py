@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from nsm import calculus
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.losses.base import Evaluation, Term
 from nsm.shapes.landmarks import LandmarkPairs
 

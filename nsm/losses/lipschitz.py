@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.fields.lipschitz import LipschitzMlp
 from nsm.losses.base import Evaluation, Term
 

@@ -11,17 +11,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from nsm.geometry.advection import DEFAULT_METHOD
 from nsm.geometry.flow import FlowError
 from nsm.geometry.meshing import extract_surface, open_sides
-from nsm.geometry.transport import DEFAULT_METHOD
 from nsm.metrics import endpoint, events, residuals, surface
+from nsm.metrics.advection import TransportCheck, check_transport
 from nsm.metrics.endpoint import EndpointErrors, endpoint_errors
 from nsm.metrics.events import TopologyEvent, topology_events
 from nsm.metrics.figures import AT
 from nsm.metrics.motion import Motion
 from nsm.metrics.residuals import SHELL_WIDTH, SpaceResiduals, space_residuals
 from nsm.metrics.surface import SurfaceFigures, surface_figures
-from nsm.metrics.transport import TransportCheck, check_transport
 from nsm.metrics.volume_curve import VolumeCurve, even_times, volume_beyond, volume_curve
 from nsm.shapes import FieldShape
 from nsm.types import Morph, SimplexMesh

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.geometry.volume import volume, volume_with_error
-from nsm.growth import Grown
+from nsm.morphs.growth import Grown
 from nsm.types import Morph, SignedDistance
 
 #: Volume beyond a box is looked for in one so many times as large, on cells so many times as large.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.sampling.domain import Box, UniformTime
 from nsm.sampling.pools import Pools
 

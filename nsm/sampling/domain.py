@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 
 
 class Box:

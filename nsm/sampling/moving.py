@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.sampling.batch import Batch
 from nsm.types import Jet, SignedDistance
 

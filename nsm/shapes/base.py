@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.geometry.grid import evaluate
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.projection import newton_to_level

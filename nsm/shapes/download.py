@@ -12,7 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 
 log = logging.getLogger(__name__)
 

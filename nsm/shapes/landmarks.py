@@ -14,7 +14,7 @@ import trimesh
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.shapes.base import FieldShape
 from nsm.shapes.download import resolve
 

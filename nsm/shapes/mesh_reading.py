@@ -13,7 +13,7 @@ import trimesh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.shapes.sampling import sample_mesh_surface, simplex_normals
 from nsm.types import SimplexMesh
 

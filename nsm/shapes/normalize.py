@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import torch
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.shapes.base import FieldShape
 from nsm.shapes.similarity import Similarity
 

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.geometry.volume import volume
 from nsm.shapes.base import Shape, working_box
 from nsm.shapes.download import file_sha256, resolve

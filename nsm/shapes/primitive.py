@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.shapes.base import FieldShape
 from nsm.shapes.similarity import Similarity
 

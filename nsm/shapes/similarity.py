@@ -12,7 +12,7 @@ from jaxtyping import Float
 from kornia.geometry.conversions import angle_to_rotation_matrix, axis_angle_to_rotation_matrix
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 
 #: How far R Rᵀ may be from the identity before a matrix typed by a person is refused.
 _ORTHOGONAL = 1e-4

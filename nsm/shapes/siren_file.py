@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from nsm.errors import InputError
+from nsm.cli.errors import InputError
 from nsm.fields.siren import ScalarSiren, Siren
 from nsm.geometry.projection import newton_to_level
 from nsm.shapes.base import working_box

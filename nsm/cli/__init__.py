@@ -1,0 +1,1 @@
+"""What every command needs around its work: configuration, validation, errors, and atomic files."""

@@ -1,0 +1,143 @@
+"""One run of a study, in a process of its own: its steps are measured where needed, then it is trained."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from nsm.compare.record import DONE, FAILED, INTERRUPTED, MEASURING, TRAINING, Record, read_record, write_record
+
+#: Steps by which the time of one step is measured; those of the warm-up come first and do not count.
+MEASURED_STEPS = 40
+#: What every run of a study is given: pictures are drawn by the study, and its time is taken.
+OVERRIDES = (
+    "callbacks=none",
+    "+callbacks.step_times._target_=nsm.train.callbacks.StepTimes",
+    "+callbacks.step_times.folder=${hydra:runtime.output_dir}",
+)
+#: What a run is given besides while its steps are measured: nobody looks at a shape that has hardly begun, and some
+#: methods have none by then; and steps so small that a short schedule cannot throw it off.
+_TRIAL = (
+    "~callbacks.checkpoints",
+    "+callbacks.unvalidated._target_=nsm.train.callbacks.Unvalidated",
+    "optimizer.lr=1e-6",
+)
+#: What trains.
+COMMAND = "nsm.train"
+#: Seconds that a run has to finish its step and keep it when the study is stopped.
+_PATIENCE = 120.0
+#: What shells and our commands add to the number of a signal that ended them.
+_BY_SIGNAL = 128
+#: Steps are rounded down to so many digits.
+_DIGITS = 3
+
+
+def carry_out(config: Mapping[str, Any]) -> str:
+    """Make or go on with the run whose folder is ``config["folder"]``, as its ``run.json`` says.
+
+    Whatever goes wrong is written down there; nothing is raised but what stops the whole study.
+
+    Returns:
+        The state that it is left in.
+    """
+    folder = Path(config["folder"])
+    record = read_record(folder)
+    if record is None:
+        raise FileNotFoundError(f"{folder / 'run.json'} is missing: the study that planned this run was moved")
+    if record.trained and record.steps is None and record.settings["minutes"] is not None:
+        record = _measured(folder, record)
+    if record.reason is None:
+        record = _trained(folder, record)
+    write_record(folder, record)
+    return record.state
+
+
+def _measured(folder: Path, record: Record) -> Record:
+    """With as many steps as the minutes allow, by the time of a few."""
+    write_record(folder, record._replace(state=MEASURING))
+    trial = folder / "measure"
+    shutil.rmtree(trial, ignore_errors=True)
+    log = folder / "output.log"
+    status = _start([*_arguments(record, trial, MEASURED_STEPS), *_TRIAL], log, record.threads)
+    if status:
+        return _failed(record, status, log)
+    timing = json.loads((trial / "step_times.json").read_text())
+    shutil.rmtree(trial)
+    steps = _rounded(max(1.0, 60 * record.settings["minutes"] / timing["step_s"]))
+    return record._replace(steps=steps, step_s=timing["step_s"])
+
+
+def _trained(folder: Path, record: Record) -> Record:
+    write_record(folder, record._replace(state=TRAINING, reason=None))
+    log = folder / "output.log"
+    status = _start([*_arguments(record, folder, record.steps), "resume=true"], log, record.threads)
+    if status or not (folder / "summary.json").is_file():
+        return _failed(record, status, log)
+    made = json.loads((folder / "summary.json").read_text())["steps"]
+    return record._replace(state=DONE, steps=made if record.trained else None)
+
+
+def _arguments(record: Record, folder: Path, steps: int | None) -> list[str]:
+    path = str(folder.resolve()).replace("\\", "\\\\").replace("'", "\\'")
+    return [
+        *record.settings["overrides"],
+        *OVERRIDES,
+        *([f"steps={steps}"] if steps else []),
+        *([f"threads={record.threads}"] if record.threads else []),
+        f"hydra.run.dir='{path}'",
+    ]
+
+
+def _start(arguments: Sequence[str], log: Path, threads: int | None) -> int:
+    """Train in another process and wait for it; returns its exit status, negative for a signal.
+
+    A Ctrl-C goes to this process alone, which lets the other one finish its step and keep it.
+    """
+    environment = dict(os.environ) | ({"OMP_NUM_THREADS": str(threads)} if threads else {})
+    command = [sys.executable, "-m", "nsm.compare.child", COMMAND, *arguments]
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("w") as output:
+        child = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+        )
+        with child:
+            try:
+                return child.wait()
+            except BaseException:
+                child.send_signal(signal.SIGINT)
+                try:
+                    child.wait(_PATIENCE)
+                finally:
+                    child.kill()
+                raise
+
+
+def _failed(record: Record, status: int, log: Path) -> Record:
+    """The record with the reason that the log and the exit status give."""
+    ended = -status if status < 0 else status - _BY_SIGNAL
+    if ended in set(signal.Signals):
+        name = signal.Signals(ended).name
+        short = ", as happens where memory runs out" if name == "SIGKILL" else ""
+        return record._replace(state=INTERRUPTED, reason=f"its process was ended by {name}{short}")
+    lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    sentences = [line.removeprefix("nsm: ") for line in lines if line.startswith("nsm: ")]
+    nothing = f"it ended with status {status} and without a summary"
+    return record._replace(state=FAILED, reason=(sentences or lines or [nothing])[-1])
+
+
+def _rounded(steps: float) -> int:
+    """Rounded down to a number that people can read."""
+    unit = 10 ** max(0, len(str(int(steps))) - _DIGITS)
+    return int(steps) // unit * unit

@@ -1,0 +1,1 @@
+"""Measurements of trained morphs: ``python -m nsm.evaluate``."""

@@ -1,0 +1,1 @@
+"""Files: checkpoints, the published networks, meshes, and loading a morph by name."""

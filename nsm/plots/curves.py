@@ -1,0 +1,118 @@
+"""Curves over time as CSV and as figures."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from torch import Tensor
+
+from nsm.cli.files import whole_file
+
+#: Lines by name: times and values.
+Curves = Mapping[str, tuple[Sequence[float], Sequence[float]]]
+#: Per cent; a curve of volume that is flat to a thousandth should look flat.
+_FLAT = 0.1
+#: Colours that stay apart for colour-blind readers (Okabe and Ito, 2008), the calm ones first.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+#: Names beside each other in a legend, and inches that a row of them takes.
+_LEGEND_COLUMNS, _LEGEND_ROW = 3, 0.17
+#: Kinds of lines, each for a round of colours.
+LINES = ("-", "--", ":", "-.")
+
+
+def write_volume_curve(path: Path | str, times: Tensor, volumes: Tensor) -> None:
+    """Write a volume curve as CSV with the columns time, volume, deviation (V / V(0) - 1)."""
+    with whole_file(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time", "volume", "deviation"])
+        deviations = volumes / volumes[0] - 1
+        for row in zip(times.tolist(), volumes.tolist(), deviations.tolist(), strict=True):
+            writer.writerow([f"{number:.9g}" for number in row])
+
+
+def plot_volume_curves(path: Path | str, curves: Mapping[str, tuple[Tensor, Tensor]]) -> None:
+    """Draw how far volumes stray from the one at the start, in per cent over time, one line a morph (figure 10).
+
+    Args:
+        path: a picture; its suffix chooses the format (.png, .pdf, .svg).
+        curves: times (k,) and volumes (k,) by name.
+    """
+    rows = -(-len(curves) // _LEGEND_COLUMNS)
+    figure = Figure(figsize=(5.2, 2.7 + _LEGEND_ROW * rows), dpi=200, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.axhline(0, color="0.75", linewidth=0.8, zorder=0)
+    changes = {name: (times.tolist(), percent_change(volumes)) for name, (times, volumes) in curves.items()}
+    values = _draw(axes, changes, "change of volume in %")
+    lowest, highest = min([-_FLAT, *values]), max([_FLAT, *values])
+    margin = 0.08 * (highest - lowest)
+    axes.set_ylim(lowest - margin, highest + margin)
+    _share_legend(figure, axes)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary)
+
+
+def plot_curves(path: Path | str, panels: Mapping[str, Curves], columns: int = 3) -> None:
+    """Draw several figures over time, one small panel each, with one line a morph; the lines share a legend.
+
+    Args:
+        path: a picture; its suffix chooses the format (.png, .pdf, .svg).
+        panels: by what is written on the axis of values: curves by name of the morph, times and values (k,) each, where
+            what is not defined is not a number.
+        columns: panels beside each other; values that are all whole are taken for counts.
+    """
+    columns = min(columns, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(2.6 * columns, 1.9 * rows + 0.3), dpi=200, layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
+    for axes, (label, curves) in zip(grid, panels.items(), strict=False):
+        values = _draw(axes, curves, label)
+        if axes.get_subplotspec().rowspan.stop * columns + axes.get_subplotspec().colspan.start < len(panels):
+            axes.set_xlabel("")
+        axes.xaxis.label.set_size("small")
+        axes.yaxis.label.set_size("small")
+        axes.tick_params(labelsize="small", labelbottom=True)
+        if all(value == round(value) for value in values):
+            axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
+            axes.set_ylim(-0.1, 1.08 * max([1.0, *values]))
+        elif 0 <= min(values) < 0.5 * max(values):  # what comes near 0 is compared with 0
+            axes.set_ylim(0, 1.08 * max(values))
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    _share_legend(figure, grid[0])
+    with whole_file(path) as temporary:
+        figure.savefig(temporary)
+
+
+def percent_change(values: Tensor) -> list[float]:
+    """How far each value lies from the first, in per cent of it."""
+    return (100 * (values / values[0] - 1)).tolist()
+
+
+def _draw(axes: Axes, curves: Curves, label: str) -> list[float]:
+    """One line a morph; returns all values that are finite."""
+    for number, (name, (times, values)) in enumerate(curves.items()):
+        again, colour = divmod(number, len(COLOURS))
+        kind = LINES[again % len(LINES)]
+        axes.plot(times, values, kind, label=name, color=COLOURS[colour], marker="o", markersize=3, linewidth=1.5)
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_xlabel("time")
+    axes.set_ylabel(label)
+    axes.spines[["top", "right"]].set_visible(False)
+    return [value for _, values in curves.values() for value in values if math.isfinite(value)]
+
+
+def _share_legend(figure: Figure, axes: Axes) -> None:
+    """One legend above everything, where no curve can run into it."""
+    handles, names = axes.get_legend_handles_labels()
+    if handles:
+        columns = min(len(handles), _LEGEND_COLUMNS)
+        figure.legend(handles, names, loc="outside upper center", ncols=columns, frameon=False, fontsize="small")

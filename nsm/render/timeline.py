@@ -1,0 +1,82 @@
+"""The volume over time, drawn as a film plays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from scipy.interpolate import PchipInterpolator
+
+from nsm.geometry.volume import volume
+from nsm.metrics import VolumeCurve
+from nsm.morphs.surfaces import Levels
+from nsm.plots.curves import COLOURS
+from nsm.render.panel import pixels
+from nsm.types import Morph
+
+#: Times at which the volume is measured, and cells along the box, by dimension.
+_TIMES, _RESOLUTION = 21, {2: 128, 3: 64}
+#: Points of the curve that is drawn.
+_POINTS = 401
+#: Deviations in per cent below which a curve should look flat.
+_FLAT = 0.5
+_DPI = 100
+
+
+def measure_volumes(morph: Morph, levels: Levels) -> VolumeCurve:
+    """Volumes inside the surfaces at the levels of each time."""
+    times = torch.linspace(0, 1, _TIMES, dtype=torch.double)
+    resolution = _RESOLUTION[morph.dim]
+    volumes = []
+    for time in times.tolist():
+        level = levels(time)
+        volumes.append(volume(lambda x, t=time, c=level: morph(x, t) - c, morph.bounds, resolution))  # type: ignore[misc]
+    return VolumeCurve(times, torch.tensor(volumes, dtype=torch.double))
+
+
+class Timeline:
+    """A curve for each morph, of its volume's deviation from that at t = 0, with a dot at the time that is shown.
+
+    Args:
+        curves: by name; names stand beside the curves where there are several.
+        size: width and height in pixels.
+    """
+
+    def __init__(self, curves: Mapping[str, VolumeCurve], size: tuple[int, int]) -> None:
+        self.size = size
+        self._times = np.linspace(0, 1, _POINTS)
+        self._curves = {}
+        for name, curve in curves.items():
+            deviation = 100 * torch.nan_to_num(curve.deviations, 0.0, 0.0, 0.0).numpy()
+            self._curves[name] = PchipInterpolator(curve.times.numpy(), deviation)(self._times)
+        values = np.concatenate([*self._curves.values(), [-_FLAT, _FLAT]])
+        margin = 0.15 * (values.max() - values.min())
+        self._range = (float(values.min() - margin), float(values.max() + margin))
+
+    def draw(self, time: float) -> np.ndarray:
+        """Pixels (height, width, 3), 8 bits of sRGB, at a time."""
+        width, height = self.size
+        figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+        letters = 0.095 * height * 72 / _DPI
+        line = letters / 6
+        axis = figure.add_axes((0.16, 0.3, 0.68, 0.6))
+        axis.axhline(0, color="0.8", linewidth=line / 3, zorder=0)
+        for number, (name, values) in enumerate(self._curves.items()):
+            colour = COLOURS[number % len(COLOURS)]
+            axis.plot(self._times, values, color=colour, alpha=0.25, linewidth=line, label=name)
+            past = self._times <= time
+            now = float(np.interp(time, self._times, values))
+            axis.plot([*self._times[past], time], [*values[past], now], color=colour, linewidth=1.4 * line)
+            axis.plot([time], [now], "o", color=colour, markersize=5 * line, clip_on=False, zorder=3)
+        axis.set_xlim(0, 1)
+        axis.set_ylim(*self._range)
+        axis.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
+        axis.locator_params(axis="y", nbins=4)
+        axis.tick_params(labelsize=letters, width=line / 3, length=letters / 3, color="0.6", labelcolor="0.3")
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.spines[:].set(color="0.6", linewidth=line / 3)
+        axis.set_ylabel("volume ±%", fontsize=letters, color="0.3")
+        figure.text(0.86, 0.6, f"t = {time:.2f}", fontsize=1.6 * letters, va="center", color="0.15")
+        return pixels(figure)

@@ -1,0 +1,23 @@
+"""What happens around training: curves, meshes, pictures, checkpoints, progress."""
+
+from nsm.train.callbacks.checkpoints import Checkpoints
+from nsm.train.callbacks.csv_log import CsvLog
+from nsm.train.callbacks.interruption import ExitOnSignal, StopOnSignal
+from nsm.train.callbacks.mesh_snapshots import MeshSnapshots
+from nsm.train.callbacks.progress import Progress
+from nsm.train.callbacks.step_times import StepTimes, Unvalidated
+from nsm.train.callbacks.strip import Strip
+from nsm.train.callbacks.volume_curve import VolumeCurveLog
+
+__all__ = [
+    "Checkpoints",
+    "CsvLog",
+    "ExitOnSignal",
+    "MeshSnapshots",
+    "Progress",
+    "StepTimes",
+    "StopOnSignal",
+    "Strip",
+    "Unvalidated",
+    "VolumeCurveLog",
+]

@@ -1,0 +1,24 @@
+"""Training: a still shape, or a morph."""
+
+from nsm.train.tasks.base import Collapse, FieldTask
+from nsm.train.tasks.data import FieldData
+from nsm.train.tasks.ends import Ends, prepare_ends, starting_network
+from nsm.train.tasks.fit import SdfFit, draw_pools
+from nsm.train.tasks.morph import MorphTask
+from nsm.train.tasks.schedule import constant, warmup_cosine
+from nsm.train.tasks.sdf import SdfTask
+
+__all__ = [
+    "Collapse",
+    "Ends",
+    "FieldData",
+    "FieldTask",
+    "MorphTask",
+    "SdfFit",
+    "SdfTask",
+    "constant",
+    "draw_pools",
+    "prepare_ends",
+    "starting_network",
+    "warmup_cosine",
+]

@@ -1,0 +1,190 @@
+"""From any shape to a network that is its signed distance, fitted once and remembered."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import pooch
+import torch
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LRScheduler
+
+from nsm.cli.errors import InputError
+from nsm.cli.files import whole_file
+from nsm.fields import ScalarSiren
+from nsm.io.checkpoint import FORMAT, load_shape
+from nsm.losses import WeightedSum
+from nsm.sampling import Box, Fractions, Pools, SdfSampler
+from nsm.shapes import FieldShape, Shape, Similarity, SirenShape, working_box
+from nsm.shapes.normalize import HALF_SIDE
+from nsm.train.tasks.base import Collapse
+from nsm.train.tasks.data import FieldData
+from nsm.train.tasks.sdf import SdfTask
+
+log = logging.getLogger(__name__)
+
+#: Raised whenever fits in the cache are no longer those that would be made.
+_VERSION = 2
+#: Points by which validation judges a fit.
+_VALIDATION_POINTS = 8000
+
+
+class SdfFit:
+    """How a still shape becomes a network.
+
+    Args:
+        network: makes g, called with ``in_features``.
+        loss: the terms.
+        optimizer, scheduler: see `nsm.train.tasks.FieldTask`.
+        steps: optimiser steps.
+        size: points in a batch.
+        fractions: how they are divided.
+        pool: points on and around the shape whose targets are computed once.
+        half_width: g is fitted in the box [−h, h]^d, as f will start from it there.
+        tolerance: a fit has failed if its surface is farther than this from the shape on average.
+        seed: of the weights, the pools and the batches.
+        settings: all of the above as plain values; with the content of the shape, they name the fit in the cache.
+        trainer: makes the trainer of a fit that is needed on the way, called with ``max_steps``.
+    """
+
+    def __init__(
+        self,
+        network: Callable[..., ScalarSiren],
+        loss: WeightedSum,
+        optimizer: Callable[..., Optimizer],
+        scheduler: Callable[..., LRScheduler],
+        steps: int,
+        size: int,
+        fractions: Fractions,
+        pool: int,
+        half_width: float,
+        tolerance: float,
+        seed: int,
+        settings: Mapping[str, Any],
+        trainer: Callable[..., L.Trainer],
+    ) -> None:
+        self.network, self.loss = network, loss
+        self.optimizer, self.scheduler = optimizer, scheduler
+        self.steps, self.size, self.fractions, self.pool, self.seed = steps, size, fractions, pool, seed
+        self.half_width, self.tolerance = half_width, tolerance
+        self.settings, self.trainer = dict(settings), trainer
+
+    def prepare(self, shape: Shape) -> tuple[SdfTask, FieldData]:
+        """The task and the data that fit a shape.
+
+        Raises:
+            InputError: if the shape leaves the box [-1, 1]^d.
+        """
+        _require_in_box(shape)
+        box = Box(shape.dim, self.half_width)
+        pools = draw_pools(shape, self.pool, self.seed, self.half_width)
+        data = FieldData(
+            SdfSampler(pools, box, self.size, self.fractions),
+            SdfSampler(pools, box, _VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
+            self.seed,
+        )
+        with torch.random.fork_rng():
+            torch.manual_seed(self.seed)
+            network = self.network(in_features=shape.dim)
+        return SdfTask(network, self.loss, self.optimizer, self.scheduler), data
+
+    def __call__(self, shape: Shape) -> SirenShape:
+        """The network of a shape in the box: from the cache if this very fit was made before, else fitted now.
+
+        Raises:
+            InputError: if the fit fails twice.
+        """
+        with torch.random.fork_rng():  # what follows is drawn alike whether the fit was made now or before
+            return self._loaded_or_fitted(shape)
+
+    def _loaded_or_fitted(self, shape: Shape) -> SirenShape:
+        file = cache_folder() / f"{self._key(shape)}.ckpt"
+        if file.is_file():
+            try:
+                return load_shape(file)
+            except InputError:
+                log.warning("the cached fit %s cannot be read and is made again", file)
+        kind = shape.provenance()["kind"]
+        log.info("fitting a network to the %s: %d steps, then kept in %s", kind, self.steps, file.parent)
+        fitted = self.as_shape(self._fitted(shape), shape)
+        entry = {"format": FORMAT, "model": fitted.config()}
+        with whole_file(file) as temporary:
+            torch.save({"nsm": entry, "state_dict": fitted.state_dict()}, temporary)
+        return fitted
+
+    def _fitted(self, shape: Shape) -> SdfTask:
+        """A finished fit; one that collapses or stays far from the shape is made again, once, with half the step."""
+        for scale in (1.0, 0.5):
+            task, data = self.prepare(shape)
+            task.step_scale = scale
+            trainer = self.trainer(
+                max_steps=self.steps, val_check_interval=self.steps, logger=False, enable_checkpointing=False
+            )
+            try:
+                trainer.fit(task, data)
+                error = float(trainer.callback_metrics["val/error"])
+                if error < self.tolerance:
+                    return task
+                problem = f"its surface is {error:.2g} away from the shape on average"
+            except Collapse as collapse:
+                problem = str(collapse)
+            log.warning("the fit failed with %g of the learning rate: %s", scale, problem)
+        raise InputError(
+            f"no network could be fitted to the {shape.provenance()['kind']} ({problem}): lower sdf.optimizer.lr "
+            "fourfold, or raise sdf.steps"
+        )
+
+    def as_shape(self, task: SdfTask, shape: Shape) -> SirenShape:
+        """The network of a finished fit, in place of the shape it was fitted to."""
+        provenance = shape.provenance()
+        pose = Similarity.read(provenance["similarity"], shape.dim)
+        origin = {key: value for key, value in provenance.items() if key != "similarity"}
+        domain = (self.half_width * working_box(shape.dim)).tolist()
+        return SirenShape.from_network(task.network, pose, origin, domain)
+
+    def _key(self, shape: Shape) -> str:
+        settings = json.dumps([FORMAT, _VERSION, shape.content_key(), self.settings], sort_keys=True)
+        return hashlib.sha256(settings.encode()).hexdigest()[:32]
+
+
+def draw_pools(shape: Shape, count: int, seed: int, half_width: float = 1.0) -> Pools:
+    """Points on a shape, and around it in the box [−h, h]^d, with their targets."""
+    generator = torch.Generator().manual_seed(seed)
+    box = half_width * working_box(shape.dim)
+    return Pools(shape.surface_samples(count, generator), shape.distance_samples(count, generator, box))
+
+
+def realise(shape: Shape, fit: SdfFit) -> FieldShape:
+    """A shape that is a field: itself if it is one already, else the network fitted to it.
+
+    The fit is made where the shape fills the box, and taken back to where the shape is: that may be anywhere.
+    """
+    if isinstance(shape, FieldShape):
+        return shape
+    place = Similarity.centering(shape.exact_bounds(), HALF_SIDE)
+    return fit(shape.transformed(place)).transformed(place.inverse())
+
+
+def _require_in_box(shape: Shape) -> None:
+    low, high = shape.exact_bounds()
+    excess = float(torch.cat([-1 - low, high - 1]).max())
+    if excess > 1e-6:
+        corners = [", ".join(f"{v:.3g}" for v in corner.tolist()) for corner in (low, high)]
+        raise InputError(
+            f"The {shape.provenance()['kind']} must lie in [-1, 1]^{shape.dim} to be fitted, got one from "
+            f"({corners[0]}) to ({corners[1]}). Try `source.fit=0.8`, or another `source.pose`."
+        )
+
+
+def cache_folder() -> Path:
+    """Where fits are kept: ``NSM_CACHE_DIR`` if set, else the user's cache."""
+    folder = Path(os.environ.get("NSM_CACHE_DIR") or pooch.os_cache("nsm")) / "sdf"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -1,0 +1,146 @@
+"""Training of a morph: f and V together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch.optim import Optimizer
+from torch.optim.lr_scheduler import LRScheduler
+
+from nsm.cli.errors import InputError
+from nsm.losses import Evaluation, WeightedSum
+from nsm.metrics import VolumeCurve
+from nsm.morphs.neural import NeuralMorph
+from nsm.sampling import Batch, Box, EndSurfaces, MovingSurface
+from nsm.shapes import LandmarkPairs
+from nsm.train.tasks.base import Collapse, FieldTask
+from nsm.train.tasks.validation import Validator
+
+#: A morph whose volume at an end is below this part of its largest has lost its surface.
+_VANISHED = 0.02
+#: A mean ‖∇f‖ on the end shapes above which f is noise: by distance and volume alone, noise may pass for a good morph.
+_STEEP = 100.0
+
+
+class MorphTask(FieldTask):
+    """One optimiser step moves f and V at once; the end shapes stay as they are.
+
+    Validation measures what a user sees (`nsm.train.tasks.validation`), in units of length:
+
+    - ``val/distance``, the mean of ``val/shape_to_morph`` and ``val/morph_to_shape``: |f|/‖∇f‖ at fixed points of the
+      end shapes, and |g| at points of the extracted surface of f at t = 0 and 1, where leftovers are;
+    - ``val/drift``, the largest error of volume as the displacement of the surface that makes it, r V^(1/d) / d with V
+      the volume of the source and r the greater of ``val/volume_max`` (|V(t)/V(0) − 1|) and ``val/volume_error`` (the
+      same for f and the end shapes);
+    - ``val/leftover``, the root mean square distance of the surface from its main components, as many as the end
+      shapes have, at the time when it is greatest; ``val/leftover_volume`` is the share of volume of the others, and
+      ``val/components`` the most components at any time.
+
+    The best checkpoint is the one with the least ``val/error`` = distance + drift + leftover. Validation also puts
+    ``morph.bounds`` around the moving shape; ``val/beyond`` is the share of volume beyond the training box.
+
+    Args:
+        morph: the networks and the end shapes.
+        near: draws interior points around the moving surface.
+        ends: puts ambient points on f's own surface at both ends.
+        box: where the others are drawn.
+        loss: the terms.
+        optimizer, scheduler: see `FieldTask`.
+        volume_resolution: cells along the training box at which validation looks at the surface; for end shapes that
+            are too thin for them, it takes up to five times as many.
+        volume_times: at how many times, at least 2.
+        landmarks: points of the end shapes that belong together, for losses that ask for them.
+    """
+
+    def __init__(
+        self,
+        morph: NeuralMorph,
+        near: MovingSurface,
+        ends: EndSurfaces,
+        box: Box,
+        loss: WeightedSum,
+        optimizer: Callable[..., Optimizer],
+        scheduler: Callable[..., LRScheduler],
+        volume_resolution: int = 48,
+        volume_times: int = 11,
+        landmarks: LandmarkPairs | None = None,
+    ) -> None:
+        super().__init__(loss, optimizer, scheduler)
+        self.morph, self.near, self.ends, self.box = morph, near, ends, box
+        if volume_times < 2:
+            raise InputError(f"task.volume_times must be at least 2, got {volume_times}. Try task.volume_times=11.")
+        self.validator = Validator(morph, box.half_width, volume_resolution, volume_times)
+        self.landmarks = landmarks
+        #: Whether there has been a surface at both ends, which must then stay: f of random weights has none at first.
+        self._whole = False
+        #: The curve of the last validation.
+        self.volume_curve: VolumeCurve | None = None
+        morph.source.requires_grad_(False)
+        morph.target.requires_grad_(False)
+
+    def evaluation(self, batch: Batch) -> Evaluation:
+        """f and V at the points of a batch."""
+        morph = self.morph
+        near = self.near.place(batch, self.box.half_width)
+        shapes = morph.source.true_distance, morph.target.true_distance
+        placed = self.ends.place(near, self.near, self.box.half_width, *shapes)
+        known = self.landmarks and LandmarkPairs(*(points.to(placed.points) for points in self.landmarks))
+        progress = self.global_step / self.trainer.max_steps
+        ends = morph.source, morph.target
+        return Evaluation(placed, morph.field, morph.velocity_field, known, progress, ends)
+
+    def learn_from(self, evaluation: Evaluation) -> None:
+        """Follow the surface."""
+        self.near.follow(evaluation.batch, evaluation.interior)
+        self.ends.follow(evaluation.batch, evaluation.f)
+
+    @torch.no_grad()
+    def on_train_start(self) -> None:
+        super().on_train_start()
+        ends = torch.tensor([self.validator.look(time).volume for time in (0.0, 1.0)])
+        self._whole = self._whole or bool((ends > _VANISHED * ends.max()).all())
+
+    @torch.no_grad()
+    def validation_step(self, batch: Batch, index: int) -> None:
+        """Measure the ends, the volume curve and the components, and put the box around the moving shape."""
+        on = batch.points[batch.surface]
+        jet = self.morph.field.jet(on)
+        slope = jet.gradient[:, : self.morph.dim].norm(dim=1)
+        if not slope.mean() < _STEEP:
+            raise Collapse(
+                f"the mean of ‖∇f‖ on the end shapes has grown to {slope.mean():.3g} by step {self.global_step}"
+            )
+        found = self.validator.validate(self.global_step)
+        self._require_surface(found.curve)
+        self.morph.enclose(found.box)
+        self.volume_curve = found.curve
+        shape_to_morph = float((jet.value.abs() / slope).mean())
+        distance = (shape_to_morph + found.morph_to_shape) / 2
+        self.log_dict(
+            {
+                "val/distance": distance,
+                "val/shape_to_morph": shape_to_morph,
+                "val/morph_to_shape": found.morph_to_shape,
+                "val/slope": slope.mean(),
+                "val/volume_std": found.volume_std,
+                "val/volume_max": found.volume_max,
+                "val/volume_error": found.volume_error,
+                "val/drift": found.drift,
+                "val/beyond": found.beyond,
+                "val/components": float(found.components),
+                "val/leftover": found.leftover.distance,
+                "val/leftover_volume": found.leftover.share,
+                "val/error": distance + found.drift + found.leftover.distance,
+            },
+            batch_size=len(on),
+        )
+
+    def _require_surface(self, curve: VolumeCurve) -> None:
+        """Raise a `Collapse` if a surface that was there at an end is gone, or never came."""
+        ends = curve.volumes[[0, -1]]
+        # on the way between the ends, some methods do lose the shape
+        lost = curve.times[[0, -1]][~(ends > _VANISHED * curve.volumes.max())]
+        if len(lost) and (self._whole or self.global_step >= self.trainer.max_steps):
+            raise Collapse(f"the shape has vanished at t = {lost[0]:.2f} by step {self.global_step}")
+        self._whole = self._whole or not len(lost)

@@ -1,0 +1,237 @@
+"""Validation of a morph in training: what a user will see of it."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from nsm.geometry.distance import sample_mesh
+from nsm.geometry.grid import Lattice, evaluate, sample_band
+from nsm.geometry.meshing import open_sides, surface_in_band
+from nsm.geometry.volume import volume, volume_in_surface
+from nsm.metrics import VolumeCurve, even_times, volume_beyond
+from nsm.metrics.pieces import Leftover, Pieces
+from nsm.morphs.neural import NeuralMorph
+from nsm.shapes import FieldShape
+from nsm.types import SignedDistance, SimplexMesh
+
+log = logging.getLogger(__name__)
+
+#: A grid resolves a shape when its volume on it is right to this part; until then there are more cells, by this factor
+#: each time, so many times.
+_VOLUME_TOLERANCE, _MORE, _TIMES_MORE = 0.02, 1.5, 4
+#: A volume that is the same on so many grids is what they can measure.
+_UNCHANGED = 3
+#: Blocks of the grid along the box among which the surface is looked for first: fewer than for a final measurement.
+_BLOCKS = 12
+#: Cells between the surface and the box that is put around it.
+_MARGIN = 3
+#: Points drawn on the surface at either end.
+_POINTS = 4000
+
+
+class Look(NamedTuple):
+    """A surface and the volume inside it."""
+
+    mesh: SimplexMesh
+    volume: float
+
+
+class Validation(NamedTuple):
+    """Figures of one validation; all are finite.
+
+    Attributes:
+        curve: Volume over time.
+        box: Corners of a box around the moving shape and both end shapes, within the training box, shape (2, d).
+        beyond: Volume beyond the training box, relative to that of the source; 0 where the surface keeps to the box.
+        morph_to_shape: Mean distance from the surface of f at t = 0 and 1 to the end shapes, a length.
+        volume_std: Standard deviation over time of the volume, relative to that at t = 0.
+        volume_max: Greatest deviation of the volume from that at t = 0, relative to it.
+        volume_error: Greater deviation of f's volume at an end from that of the end shape, relative to it.
+        drift: Displacement of the surface that makes the greater of the last two, a length.
+        components: Largest number of components at any of the times.
+        leftover: Greatest volume share, and greatest distance, of components that neither end shape has.
+    """
+
+    curve: VolumeCurve
+    box: Float[Tensor, "2 d"]
+    beyond: float
+    morph_to_shape: float
+    volume_std: float
+    volume_max: float
+    volume_error: float
+    drift: float
+    components: int
+    leftover: Leftover
+
+
+class Validator:
+    """Looks at a morph in the whole box in which it is trained, at even times from 0 to 1.
+
+    Args:
+        morph: The networks and the end shapes.
+        half_width: The training box is [−h, h]^d.
+        resolution: Cells along the training box; more are taken for shapes that are too thin for them.
+        times: Number of times.
+    """
+
+    def __init__(self, morph: NeuralMorph, half_width: float, resolution: int, times: int) -> None:
+        self.morph, self.times = morph, even_times(times)
+        corner = torch.full((morph.dim,), half_width)
+        self._box, self._resolution = torch.stack([-corner, corner]), resolution
+
+    @property
+    def box(self) -> Float[Tensor, "2 d"]:
+        """Corners of the training box."""
+        return self._box.to(self.morph.bounds)
+
+    def look(self, time: float) -> Look:
+        """The surface of the morph at one time."""
+        return look_at(partial(self.morph, t=time), self.box, self.resolution)
+
+    def validate(self, step: int) -> Validation:
+        """Measure the morph as it is after ``step`` steps; a warning says what is wrong with its volume or its box."""
+        looks = [self.look(time) for time in self.times.tolist()]
+        volumes = torch.tensor([look.volume for look in looks], dtype=torch.double)
+        pieces = [Pieces.of(look.mesh) for look in looks]
+        relative = volumes / (volumes[0] if volumes[0] > 0 else self.end_volumes[0])
+        deviation = float((relative - relative[0]).abs().max()) if volumes[0] > 0 else 1.0
+        error = float((volumes[[0, -1]] / self.end_volumes - 1).abs().max())
+        leftovers = [piece.beyond(count) for piece, count in zip(pieces, self._expected(), strict=True)]
+        self._warn_of_missing(volumes, step)
+        return Validation(
+            VolumeCurve(self.times, volumes),
+            self._box_around([look.mesh for look in looks]),
+            self._beyond(looks, step),
+            self._morph_to_shape(looks),
+            float(relative.std()),
+            deviation,
+            error,
+            max(deviation, error) * self._size / self.morph.dim,
+            max(piece.components for piece in pieces),
+            Leftover(max(left.share for left in leftovers), max(left.distance for left in leftovers)),
+        )
+
+    @cached_property
+    def resolution(self) -> int:
+        """Cells along the training box: enough for both end shapes, thin ones too, wherever they lie in the cells."""
+        true = [shape.volume() for shape in self._shapes]
+        seen: dict[int, list[float]] = {}
+        for resolution in (round(self._resolution * _MORE**times) for times in range(_TIMES_MORE + 1)):
+            half_a_cell = (self.box[1] - self.box[0]) / resolution / 2
+            grids = self.box, self.box + half_a_cell
+            seen[resolution] = [look_at(shape, box, resolution).volume for box in grids for shape in self._shapes]
+            error = _greatest_error(seen[resolution], true * len(grids))
+            if error <= _VOLUME_TOLERANCE:
+                return resolution
+            # what more cells do not change, and more once again, is no matter of cells
+            last = list(seen)[-_UNCHANGED:]
+            changes = [_greatest_error(seen[fine], seen[coarse]) for coarse, fine in pairwise(last)]
+            if len(last) == _UNCHANGED and max(changes) <= _VOLUME_TOLERANCE:
+                return last[0]
+        log.warning(
+            "an end shape is so thin that %d cells along the training box measure its volume %.0f %% wrong, so the "
+            "volumes of validations are rough: give task.volume_resolution=%d",
+            resolution,
+            100 * error,
+            2 * self._resolution,
+        )
+        return resolution
+
+    @cached_property
+    def end_volumes(self) -> Float[Tensor, " 2"]:
+        """Volumes (2,) of the end shapes, measured as those of f are; the true ones where the grid sees nothing."""
+        measured = [look.volume or shape.volume() for look, shape in zip(self._end_looks, self._shapes, strict=True)]
+        return torch.tensor(measured, dtype=torch.double)
+
+    @property
+    def _shapes(self) -> tuple[FieldShape, FieldShape]:
+        return self.morph.source, self.morph.target
+
+    @cached_property
+    def _end_looks(self) -> list[Look]:
+        return [look_at(shape, self.box, self.resolution) for shape in self._shapes]
+
+    @cached_property
+    def _end_pieces(self) -> list[int]:
+        """Number of components of each end shape, at least one."""
+        return [max(Pieces.of(look.mesh).components, 1) for look in self._end_looks]
+
+    @property
+    def _size(self) -> float:
+        """The edge of a cube of the source's volume, a length."""
+        return float(self.end_volumes[0]) ** (1 / self.morph.dim)
+
+    def _expected(self) -> list[int]:
+        """Components that the morph may have at each time: those of an end shape, and between them of either."""
+        source, target = self._end_pieces
+        return [source, *[max(source, target)] * (len(self.times) - 2), target]
+
+    def _morph_to_shape(self, looks: Sequence[Look]) -> float:
+        """Mean of |g − f| at points of the meshes at both ends, f there being the error of the mesh.
+
+        Where there is no surface, it is as far away as the box allows.
+        """
+        distances = []
+        for look, shape, time in zip((looks[0], looks[-1]), self._shapes, (0.0, 1.0), strict=True):
+            if not len(look.mesh.simplices):
+                distances.append(float((self.box[1] - self.box[0]).norm()))
+                continue
+            generator = torch.Generator(self.box.device).manual_seed(0)
+            points = sample_mesh(look.mesh, _POINTS, generator).points
+            distances.append(float((evaluate(shape, points) - self.morph(points, time)).abs().mean()))
+        return sum(distances) / len(distances)
+
+    def _box_around(self, meshes: Sequence[SimplexMesh]) -> Float[Tensor, "2 d"]:
+        seen = [*meshes, *(look.mesh for look in self._end_looks)]
+        # the center of the training box belongs to it, for slices are laid through it
+        corners = torch.cat([mesh.vertices for mesh in seen] + [self.box.mean(0, keepdim=True)])
+        margin = _MARGIN * (self.box[1] - self.box[0]) / self.resolution
+        low = torch.maximum(corners.amin(0) - margin, self.box[0])
+        return torch.stack([low, torch.minimum(corners.amax(0) + margin, self.box[1])])
+
+    def _beyond(self, looks: Sequence[Look], step: int) -> float:
+        """Volume beyond the training box, relative to the source's, at the time when it is greatest."""
+        cut = [t for t, look in zip(self.times.tolist(), looks, strict=True) if open_sides(look.mesh, self.box)]
+        if not cut:
+            return 0.0
+        found = [volume_beyond(partial(self.morph, t=time), self.box, self.resolution) for time in cut]
+        share = max(found) / float(self.end_volumes[0])
+        log.warning(
+            "at step %d the moving shape leaves the training box [-%g, %g]^%d at t = %.2g, with about %.1f %% of its "
+            "volume beyond it, where f is not trained: give a larger sampler.box.half_width",
+            step, *(float(self.box[1, 0]),) * 2, self.morph.dim, cut[0], 100 * share,
+        )  # fmt: skip
+        return share
+
+    def _warn_of_missing(self, volumes: Tensor, step: int) -> None:
+        missing = [f"t = {time:g}" for time, found in ((0, volumes[0]), (1, volumes[-1])) if not found > 0]
+        if missing:
+            log.warning(
+                "at step %d f has no surface at %s yet: until it has one there, val/error counts the distance as the "
+                "diagonal of the training box, and all of the volume as lost",
+                step,
+                " and ".join(missing),
+            )
+
+
+def look_at(field: SignedDistance, box: Float[Tensor, "2 d"], resolution: int) -> Look:
+    """The surface of a field and the volume inside it, on ``resolution`` cells along a box."""
+    band = sample_band(field, Lattice.corners(box, resolution), coarse=_BLOCKS)
+    mesh = surface_in_band(band)
+    # only a closed surface has an inside
+    inside = volume(field, box, resolution) if open_sides(mesh, box) else volume_in_surface(mesh, field)
+    return Look(mesh, max(inside, 0.0))
+
+
+def _greatest_error(measured: Sequence[float], expected: Sequence[float]) -> float:
+    """Greatest |measured / expected − 1|; infinite where nothing was expected."""
+    return max(abs(m / e - 1) if e else math.inf for m, e in zip(measured, expected, strict=True))

@@ -1,0 +1,107 @@
+"""USD stages, read back: time samples, what varies and what does not, and what frames them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from problems import MOTIONS
+from pxr import Usd, UsdGeom
+
+from nsm.cli.errors import InputError
+from nsm.export.usd import RATE, SUFFIXES, write_usd_carried, write_usd_frames
+from nsm.io.moving import linear_rgb
+from nsm.morphs.surfaces import Frame, extract_frame
+from nsm.shapes.textured import Attributes
+from nsm.types import SimplexMesh
+
+TIMES = [0.0, 0.25, 1.0]
+CODES = [0.0, 0.25 * 2 * RATE, 2 * RATE]
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[Frame]:
+    motion = MOTIONS["squashed_ball"](3)
+    return [extract_frame(motion, time, 16) for time in TIMES]
+
+
+def read(path: Path) -> UsdGeom.Mesh:
+    """The only mesh of a stage."""
+    stage = Usd.Stage.Open(str(path))
+    meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    assert len(meshes) == 1
+    assert stage.GetDefaultPrim() == meshes[0].GetParent()
+    read.stage = stage  # which must outlive its prims
+    return UsdGeom.Mesh(meshes[0])
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_surfaces_are_read_back_at_their_times(tmp_path: Path, frames: list[Frame], suffix: str) -> None:
+    write_usd_frames(tmp_path / f"m{suffix}", frames, 2.0)
+    assert [p.name for p in tmp_path.iterdir()] == [f"m{suffix}"]
+    mesh = read(tmp_path / f"m{suffix}")
+    stage = read.stage
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0.0, 2 * RATE)
+    assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == RATE
+    assert UsdGeom.GetStageUpAxis(stage) == "Y"
+    assert UsdGeom.GetStageMetersPerUnit(stage) > 0
+    assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
+    assert mesh.GetNormalsInterpolation() == "vertex"
+    for attribute in (
+        mesh.GetPointsAttr(),
+        mesh.GetFaceVertexIndicesAttr(),
+        mesh.GetNormalsAttr(),
+        mesh.GetExtentAttr(),
+    ):
+        assert attribute.GetTimeSamples() == pytest.approx(CODES)
+    for code, frame in zip(CODES, frames, strict=True):
+        assert np.array(mesh.GetPointsAttr().Get(code)) == pytest.approx(frame.mesh.vertices.numpy(), abs=1e-6)
+        assert np.array(mesh.GetNormalsAttr().Get(code)) == pytest.approx(frame.normals.numpy(), abs=1e-6)
+        faces = np.array(mesh.GetFaceVertexIndicesAttr().Get(code)).reshape(-1, 3)
+        assert (faces == frame.mesh.simplices.numpy()).all()
+        assert (np.array(mesh.GetFaceVertexCountsAttr().Get(code)) == 3).all()
+        extent = torch.stack([frame.mesh.vertices.amin(0), frame.mesh.vertices.amax(0)])
+        assert np.array(mesh.GetExtentAttr().Get(code)) == pytest.approx(extent.numpy(), abs=1e-6)
+
+
+def test_of_a_carried_mesh_only_points_vary(tmp_path: Path, frames: list[Frame]) -> None:
+    first = frames[0]
+    moved = [
+        first._replace(time=t, mesh=SimplexMesh((1 + t) * first.mesh.vertices, first.mesh.simplices)) for t in TIMES
+    ]
+    count = len(first.mesh.vertices)
+    look = Attributes(colours=torch.rand(count, 3), uv=torch.rand(count, 2))
+    write_usd_carried(tmp_path / "m.usdc", moved, 2.0, look)
+    mesh = read(tmp_path / "m.usdc")
+    assert mesh.GetFaceVertexIndicesAttr().GetTimeSamples() == []
+    assert mesh.GetPointsAttr().GetTimeSamples() == pytest.approx(CODES)
+    assert not mesh.GetDoubleSidedAttr().Get()
+    halfway = np.array(mesh.GetPointsAttr().Get((CODES[1] + CODES[2]) / 2))
+    assert halfway == pytest.approx(1.625 * first.mesh.vertices.numpy(), abs=1e-6)
+    primvars = UsdGeom.PrimvarsAPI(mesh)
+    colours, places = primvars.GetPrimvar("displayColor"), primvars.GetPrimvar("st")
+    assert colours.GetInterpolation() == places.GetInterpolation() == "vertex"
+    assert np.array(colours.Get()) == pytest.approx(linear_rgb(look.colours).numpy(), abs=1e-6)
+    assert np.array(places.Get()) == pytest.approx(look.uv.numpy(), abs=1e-6)
+
+
+def test_a_time_without_a_surface_is_empty(tmp_path: Path, frames: list[Frame]) -> None:
+    nothing = SimplexMesh(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.long))
+    write_usd_frames(tmp_path / "m.usda", [frames[0], Frame(1.0, 0.0, nothing, torch.zeros(0, 3))], 1.0)
+    mesh = read(tmp_path / "m.usda")
+    assert len(mesh.GetPointsAttr().Get(RATE)) == len(mesh.GetFaceVertexIndicesAttr().Get(RATE)) == 0
+    assert len(mesh.GetPointsAttr().Get(0)) == len(frames[0].mesh.vertices)
+
+
+def test_what_cannot_be_written_is_said(tmp_path: Path, frames: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match=r"let it end in \.usdc or \.usda or \.usdz"):
+        write_usd_frames(tmp_path / "m.xyz", frames, 1.0)
+    with pytest.raises(InputError, match="give times that increase"):
+        write_usd_frames(tmp_path / "m.usdc", frames[::-1], 1.0)
+    monkeypatch.setitem(sys.modules, "pxr", None)
+    with pytest.raises(InputError, match=r"pip install 'nsm\[usd\]'"):
+        write_usd_frames(tmp_path / "m.usdc", frames, 1.0)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,87 @@
+"""The authors' trained morphs: that they are read as they were written, and that a wrong reading is found out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from nsm.cli.errors import InputError
+from nsm.io.official import PAIRS, load_official, official_name, read_morph
+from nsm.shapes import Ball, SirenFile
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_names_of_experiments_and_of_folders_mean_the_same(name: str) -> None:
+    assert official_name(name) == official_name(PAIRS[name].folder) == name
+
+
+@pytest.mark.parametrize("name", ["kitten", "spot-bo", "", "../bust-max"])
+def test_an_unknown_pair_is_answered_by_the_known_ones(name: str) -> None:
+    with pytest.raises(InputError, match=r"no morph that the authors published: give one of kitten_fandisk, .*twist"):
+        load_official(name)
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_published_morphs_join_their_shapes_and_keep_their_volume(name: str, data_dir: Path) -> None:
+    morph = load_official(name)
+    assert morph.dim == 3
+    x = 2 * torch.rand(20000, 3) - 1
+    for time, shape in ((0.0, morph.source), (1.0, morph.target)):
+        wrong = ((morph(x, time) < 0) != (shape(x) < 0)).double().mean()
+        assert wrong < 0.006
+    on = x[morph(x, 0.5).abs() < 0.05]
+    velocity = morph.velocity(on, 0.5)
+    divergence = morph.divergence(on, 0.5)
+    assert velocity is not None
+    assert divergence is not None
+    # β and β' vanish on the surface, and near it they are small
+    assert divergence.abs().mean() < 0.05 * max(1.0, float(velocity.norm(dim=1).mean()))
+
+
+@pytest.mark.parametrize("arguments", [{"omega": 60.0}, {"omega": 0.9}])
+def test_a_wrong_omega_of_f(arguments: dict[str, float], data_dir: Path) -> None:
+    with pytest.raises(InputError, match=r"is not the end shape at t = 0 .* omega=1\)"):
+        load_official("cylinders_torus", **arguments)
+
+
+@pytest.mark.parametrize(("name", "omega"), [("cylinders_torus", 30.0), ("cylinders_torus", 1.0), ("spot_bob", 60.0)])
+def test_a_wrong_omega_of_the_velocity(name: str, omega: float, data_dir: Path) -> None:
+    with pytest.raises(InputError, match=f"_V.pth read at omega={omega:g} does not carry f"):
+        load_official(name, velocity_omega=omega)
+
+
+def test_a_wrong_omega_of_the_ends(data_dir: Path) -> None:
+    with pytest.raises(InputError, match="read at omega=30"):
+        load_official("spot_bob", ends_omega=30.0)
+
+
+def test_files_that_do_not_belong_together(data_dir: Path, tmp_path: Path) -> None:
+    folder = data_dir / "official" / "morphs"
+    field, velocity = folder / "spot-bob" / "best.pth", folder / "spot-bob" / "weights_V.pth"
+    spot, bob = (SirenFile(f"official/ni/{name}.pth") for name in ("spot", "bob"))
+    with pytest.raises(InputError, match="not the end shape at t = 0"):
+        read_morph(field, velocity, bob, spot, 30.0)
+    with pytest.raises(InputError, match="4 outputs was expected"):
+        read_morph(field, field, spot, bob, 30.0)
+    with pytest.raises(InputError, match="one output was expected"):
+        read_morph(velocity, velocity, spot, bob, 30.0)
+    with pytest.raises(InputError, match="3 inputs; give a network of 4 inputs"):
+        read_morph(data_dir / "official" / "ni" / "spot.pth", velocity, spot, bob, 30.0)
+    with pytest.raises(InputError, match="does not carry f"):
+        read_morph(field, folder / "bust-max" / "weights_V.pth", spot, bob, 30.0)
+    state = torch.load(field, map_location="cpu", weights_only=True)
+    torch.save({f"f.{key}": value for key, value in state.items()}, tmp_path / "keys.pth")
+    with pytest.raises(InputError, match=r"keys f\.net"):
+        read_morph(tmp_path / "keys.pth", velocity, spot, bob, 30.0)
+    with pytest.raises(InputError, match="give a network of 3 inputs"):
+        read_morph(field, velocity, Ball(0.5, [0, 0]), Ball(0.5, [0, 0]), 30.0)
+
+
+def test_one_published_velocity_is_a_copy_of_f(data_dir: Path) -> None:
+    folder = data_dir / "official" / "morphs" / "aligned_feline-horse"
+    f, v = (torch.load(folder / f"{name}.pth", map_location="cpu", weights_only=True) for name in ("best", "best_V"))
+    assert all(torch.equal(v[key], f[key]) for key in ("net.6.0.weight", "net.6.0.bias"))
+    hidden = [key for key in f if not key.startswith("net.6")]
+    assert all(torch.allclose(60 * v[key], f[key], rtol=1e-5) for key in hidden)

@@ -1,0 +1,313 @@
+"""Training that is stopped, killed or gone astray: what is kept, and that going on gives the same weights."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from runs import BARE, files, train_here
+from torch import Tensor
+
+from nsm import load_morph
+from nsm.losses import WeightedSum
+from nsm.train.tasks import FieldTask, MorphTask, SdfTask
+
+#: Validations, and with them checkpoints, after 8, 16 and 24 steps of 24.
+RUN = (*BARE, "steps=24", "validations=3", "optimizer.precondition_frequency=3")
+#: The same for another process, with time to be killed.
+LONG = (*BARE, "steps=200", "validations=10")
+#: A learning rate that is far too high, and nothing else.
+WILD = (*BARE, "steps=24", "validations=3", "optimizer=adam", "scheduler=constant", "optimizer.lr=3")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NSM_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def weights(folder: Path) -> dict[str, Tensor]:
+    return torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"]
+
+
+def state(folder: Path) -> dict[str, Any]:
+    return torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether nested values, tensors in them, are bitwise equal."""
+    if isinstance(a, Tensor):
+        return torch.equal(a, b)
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(map(same, a, b))
+    return a == b
+
+
+def through(folder: Path, *overrides: str) -> Path:
+    assert train_here(*(overrides or RUN), f"hydra.run.dir={folder}") == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, cache: None) -> Path:
+    """A run that nothing disturbed."""
+    return through(tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.fixture
+def at_step(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Do something in the middle of a step, once."""
+
+    def arrange(step: int, act: Callable[[], Any], task: type[FieldTask] = MorphTask) -> None:
+        undisturbed, done = task.training_step, []
+
+        def disturbed(self: FieldTask, batch: Any, index: int) -> Tensor:
+            if self.global_step == step and not done:
+                done.append(step)
+                act()
+            return undisturbed(self, batch, index)
+
+        monkeypatch.setattr(task, "training_step", disturbed)
+
+    return arrange
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "log" / "metrics.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_run_gives_the_same_weights_every_time(whole: Path, tmp_path: Path) -> None:
+    again = through(tmp_path / "run")
+    assert same(weights(again), weights(whole))
+    assert same(state(again)["optimizer_states"], state(whole)["optimizer_states"])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("step", [3, 11, 15])
+def test_a_signal_stops_between_two_steps_and_resuming_gives_the_weights_of_a_run_that_went_through(
+    number: signal.Signals, step: int, whole: Path, tmp_path: Path, at_step: Any
+) -> None:
+    folder = tmp_path / "run"
+    at_step(step, lambda: os.kill(os.getpid(), number))
+    assert train_here(*RUN, f"hydra.run.dir={folder}") == 128 + number
+    assert state(folder)["global_step"] == step + 1
+    assert not (folder / "summary.json").exists()
+    assert through(folder, *RUN, "resume=true")
+    assert same(weights(folder), weights(whole))
+    for part in ("optimizer_states", "lr_schedulers", "global_step"):
+        assert same(state(folder)[part], state(whole)[part]), part
+    # the last ones: a stop is validated as well, so the interrupted run has one more candidate for the best
+    ends = [load_morph(run / "checkpoints" / "last.ckpt").state_dict() for run in (folder, whole)]
+    assert same(*ends)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_a_shape_is_being_fitted_ends_the_command_and_leaves_nothing(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_step: Any
+) -> None:
+    monkeypatch.setenv("NSM_CACHE_DIR", str(tmp_path / "cache"))
+    at_step(3, lambda: os.kill(os.getpid(), number), SdfTask)
+    before = signal.getsignal(number)
+    assert train_here(*RUN, f"hydra.run.dir={tmp_path / 'run'}") == 128 + number
+    assert signal.getsignal(number) == before
+    assert not files(tmp_path / "run")
+    assert not files(tmp_path / "cache")
+
+
+def test_signals_are_given_back(whole: Path, tmp_path: Path, at_step: Any) -> None:
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    at_step(2, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    train_here(*RUN, f"hydra.run.dir={tmp_path}")
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_a_stop_waits_for_the_step_whose_gradients_are_being_gathered(tmp_path: Path, at_step: Any) -> None:
+    run = (*RUN, "trainer.accumulate_grad_batches=2", "steps=8", "validations=1")
+    reference = through(tmp_path / "whole", *run)
+    folder = tmp_path / "run"
+    at_step(3, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    assert train_here(*run, f"hydra.run.dir={folder}") == 143
+    assert state(folder)["global_step"] == 4
+    through(folder, *run, "resume=true")
+    assert same(weights(folder), weights(reference))
+
+
+def test_a_crash_leaves_the_last_validation_to_go_on_from(whole: Path, tmp_path: Path, at_step: Any) -> None:
+    folder = tmp_path / "run"
+
+    def crash() -> None:
+        raise OSError("the disk is on fire")
+
+    at_step(13, crash)
+    with pytest.raises(OSError, match="on fire"):
+        train_here(*RUN, f"hydra.run.dir={folder}")
+    assert state(folder)["global_step"] == 8
+    through(folder, *RUN, "resume=true")
+    assert same(weights(folder), weights(whole))
+    assert [r["step"] for r in rows(folder) if r["train/loss"]] == [str(i) for i in range(24)]
+
+
+def test_the_last_checkpoint_is_that_of_the_last_validation_also_where_it_is_not_the_best(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_step: Any
+) -> None:
+    honest = MorphTask.log_dict
+
+    def worse_and_worse(self: MorphTask, figures: dict[str, Any], **more: Any) -> None:
+        wrong = {"val/error": float(self.global_step)} if "val/error" in figures else {}
+        honest(self, {**figures, **wrong}, **more)
+
+    monkeypatch.setattr(MorphTask, "log_dict", worse_and_worse)
+
+    def crash() -> None:
+        raise OSError("the disk is on fire")
+
+    at_step(20, crash)
+    with pytest.raises(OSError, match="on fire"):
+        train_here(*RUN, f"hydra.run.dir={tmp_path}")
+    assert state(tmp_path)["global_step"] == 16
+    assert torch.load(tmp_path / "checkpoints" / "best.ckpt", weights_only=True)["global_step"] == 8
+
+
+def test_a_resumed_run_keeps_what_was_logged(whole: Path, tmp_path: Path, at_step: Any) -> None:
+    folder = tmp_path / "run"
+    at_step(11, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    train_here(*RUN, f"hydra.run.dir={folder}")
+    through(folder, *RUN, "resume=true")
+    losses = [(r["step"], r["train/loss"]) for r in rows(folder) if r["train/loss"]]
+    assert losses == [(r["step"], r["train/loss"]) for r in rows(whole) if r["train/loss"]]
+
+
+def test_a_finished_run_has_nothing_left_to_do_and_loses_nothing(whole: Path, tmp_path: Path) -> None:
+    folder = through(tmp_path / "run", *RUN, "steps=3", "validations=1")
+    before = {p: p.read_bytes() for p in folder.rglob("*.*") if p.suffix in (".csv", ".json", ".png")}
+    kept = weights(folder)
+    through(folder, *RUN, "steps=3", "validations=1", "resume=true")
+    assert {p: p.read_bytes() for p in before} == before
+    assert same(weights(folder), kept)
+
+
+def test_resuming_where_nothing_was_begun_begins(whole: Path, tmp_path: Path) -> None:
+    through(tmp_path / "run", *RUN, "resume=true")
+    assert same(weights(tmp_path / "run"), weights(whole))
+
+
+def test_a_run_goes_on_only_as_it_began(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = weights(whole)
+    changes = ["sampler.size=100", "velocity=free"]
+    assert train_here(*RUN, *changes, f"hydra.run.dir={whole}", "resume=true") == 2
+    said = capsys.readouterr().err.strip()
+    assert "was written with another sampler.size, velocity._target_, velocity.beta: repeat" in said
+    assert "the command it was started with, plus resume=true, or choose another hydra.run.dir" in said
+    assert len(said.splitlines()) == 1
+    assert same(weights(whole), kept)
+
+
+def test_the_number_of_threads_may_change(tmp_path: Path) -> None:
+    run = (*RUN, "steps=2", "validations=1")
+    through(tmp_path / "run", *run)
+    assert train_here(*run, "threads=2", "resume=true", f"hydra.run.dir={tmp_path / 'run'}") == 0
+    torch.set_num_threads(1)
+
+
+def begin(folder: Path) -> subprocess.Popen[str]:
+    """Start a long run in a process of its own, and wait for its first checkpoint."""
+    command = [sys.executable, "-m", "nsm.train", *LONG, f"hydra.run.dir={folder}"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    deadline = time.monotonic() + 120
+    while not (folder / "checkpoints" / "last.ckpt").is_file():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    return process
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory, cache: None) -> Path:
+    return through(tmp_path_factory.mktemp("long") / "run", *LONG)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_process_that_is_stopped_or_killed_can_go_on(number: signal.Signals, long: Path, tmp_path: Path) -> None:
+    process = begin(tmp_path)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == (-9 if number == signal.SIGKILL else 128 + number)
+    assert "Traceback" not in said
+    assert 0 < state(tmp_path)["global_step"] < 200
+    through(tmp_path, *LONG, "resume=true")
+    assert same(weights(tmp_path), weights(long))
+
+
+def test_a_collapse_goes_back_to_the_last_good_checkpoint_with_half_the_step(
+    whole: Path, tmp_path: Path, at_step: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sound = WeightedSum.__call__
+    with pytest.MonkeyPatch.context() as patch:
+
+        def ill() -> None:
+            def once(self: WeightedSum, evaluation: Any) -> Any:
+                patch.setattr(WeightedSum, "__call__", sound)
+                total, terms = sound(self, evaluation)
+                return total * torch.nan, {**terms, "eikonal": terms["eikonal"] * torch.nan}
+
+            patch.setattr(WeightedSum, "__call__", once)
+
+        at_step(13, ill)
+        assert train_here(*RUN, "scheduler=constant", f"hydra.run.dir={tmp_path}") == 0
+    told = (tmp_path / "train.log").read_text()
+    assert "the loss eikonal is not finite at step 13: going back to the last good checkpoint with 0.5 of" in told
+    assert state(tmp_path)["global_step"] == 24
+    assert state(tmp_path)["lr_schedulers"][0]["base_lrs"] == [0.5e-4]
+    assert state(tmp_path)["optimizer_states"][0]["param_groups"][0]["lr"] == 0.5e-4
+    assert [r["step"] for r in rows(tmp_path) if r["train/loss"]] == [str(i) for i in range(24)]
+    assert "val/error" in json.loads((tmp_path / "summary.json").read_text())
+
+
+def test_a_second_collapse_ends_with_a_sentence_and_leaves_the_last_good_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    undisturbed = MorphTask.training_step
+
+    def blown_up(self: MorphTask, batch: Any, index: int) -> Tensor:
+        if self.global_step >= 10:
+            with torch.no_grad():
+                next(self.parameters()).mul_(torch.nan)
+        return undisturbed(self, batch, index)
+
+    monkeypatch.setattr(MorphTask, "training_step", blown_up)
+    assert train_here(*RUN, f"hydra.run.dir={tmp_path}") == 2
+    said = capsys.readouterr().err
+    assert "nsm: training collapsed twice (the loss level_set, dirichlet" in said
+    assert "lower optimizer.lr fourfold, or raise sampler.size" in said
+    assert "Traceback" not in said
+    assert state(tmp_path)["global_step"] == 8
+    assert all(value.isfinite().all() for value in load_morph(tmp_path).state_dict().values())
+
+
+def test_a_shape_that_vanishes_is_noticed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert train_here(*WILD, f"hydra.run.dir={tmp_path}") == 2
+    assert "nsm: training collapsed twice (the " in capsys.readouterr().err
+    assert "going back to the beginning with 0.5 of the learning rate" in (tmp_path / "train.log").read_text()
+    assert not (tmp_path / "checkpoints" / "last.ckpt").exists()
+
+
+def test_a_collapse_does_not_go_back_to_the_checkpoint_of_an_older_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_step: Any
+) -> None:
+    through(tmp_path, *RUN, "seed=5", "steps=2", "validations=1")
+    assert train_here(*WILD, f"hydra.run.dir={tmp_path}") == 2
+    assert "going back to the beginning" in (tmp_path / "train.log").read_text()

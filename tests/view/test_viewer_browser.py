@@ -1,0 +1,186 @@
+"""What somebody sees who opens the viewer's page, or a recording, in Chromium."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+from analytic import shrinking
+from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, sync_playwright
+
+from nsm.io.loading import Subject
+from nsm.view.frames import Settings
+from nsm.view.page import Viewer
+from nsm.view.recording import record
+
+SETTINGS = Settings(resolution=12)
+TIMES = [0.0, 0.25, 0.5, 0.75, 1.0]
+#: No graphics card, no network, nothing but the page.
+FLAGS = (
+    *("--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
+    "--disable-sync",
+)
+#: Pixels of the page; the controls take the right.
+SIZE: ViewportSize = {"width": 800, "height": 400}
+#: Rows and columns of it that hold nothing but the scene.
+SCENE = (340, 450)
+#: Milliseconds that anything on the page may take: without a graphics card a picture takes up to some seconds.
+PATIENCE = 30_000
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    binary = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if binary is None:
+        missing = pytest.fail if os.environ.get("CI") == "true" else pytest.skip
+        missing("needs a browser: install chromium, as with apt-get install chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=binary, args=FLAGS)  # a new user folder each time
+        yield browser
+        browser.close()
+
+
+#: What pages had to complain about.
+complaints: list[str] = []
+
+
+@pytest.fixture(autouse=True)
+def _no_complaints() -> Iterator[None]:
+    yield
+    told = complaints.copy()
+    complaints.clear()
+    assert told == []
+
+
+@pytest.fixture(scope="module")
+def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Opens a page, and listens to what it has to complain about."""
+    pages: list[Page] = []
+
+    def listen(message: ConsoleMessage) -> None:
+        if message.type == "error":
+            complaints.append(message.text)
+
+    def open_page(address: str, size: ViewportSize = SIZE) -> Page:
+        page = browser.new_page(viewport=size)
+        page.set_default_timeout(PATIENCE)
+        page.on("console", listen)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("requestfailed", lambda request: complaints.append(f"{request.url} cannot be fetched"))
+        page.goto(address)
+        pages.append(page)
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+
+
+@pytest.fixture(scope="module")
+def artefacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where screenshots go: the folder that NSM_ARTEFACTS names, else pytest's own."""
+    named = os.environ.get("NSM_ARTEFACTS")
+    folder = Path(named) if named else tmp_path_factory.mktemp("artefacts")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def subjects(count: int, dim: int = 3) -> list[Subject]:
+    return [Subject(f"ball {n}", "", shrinking(dim, 0.3 + 0.1 * n), None) for n in range(count)]
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[Viewer]:
+    viewer = Viewer(subjects(2), SETTINGS, TIMES, seconds=2.0)
+    yield viewer
+    viewer.close()
+
+
+@pytest.fixture(scope="module")
+def page(viewer: Viewer, open_page: Callable[..., Page]) -> Page:
+    page = open_page(viewer.url)
+    page.get_by_text("all 10 frames are ready").wait_for()
+    return page
+
+
+def picture(page: Page, file: Path) -> np.ndarray:
+    """The scene (h, w, 3), without the controls."""
+    page.screenshot(path=file)
+    return imageio.imread(file)[..., :3].astype(int)[: SCENE[0], : SCENE[1]]
+
+
+def coloured(image: np.ndarray) -> int:
+    """Pixels of a surface: blue, where floor, labels and page are grey; the page comes up slowly from white."""
+    return int((image[..., 2] - image[..., 0] > 24).sum())
+
+
+def settled(page: Page, file: Path, accept: Callable[[np.ndarray], bool]) -> np.ndarray:
+    """The scene once it is as it should be."""
+    for _ in range(40):
+        image = picture(page, file)
+        if accept(image):
+            return image
+        page.wait_for_timeout(200)
+    pytest.fail(f"the scene did not change: see {file}")
+
+
+def figures(page: Page, row: str) -> list[str]:
+    return page.get_by_role("row", name=re.compile(rf"^{row}")).get_by_role("cell").all_inner_texts()[1:]
+
+
+def test_the_slider_changes_the_surfaces_and_their_volumes(page: Page, artefacts: Path) -> None:
+    first = settled(page, artefacts / "start.png", lambda image: coloured(image) > 1000)
+    volumes = [float(text) for text in figures(page, "volume")]
+    assert len(volumes) == 2
+    assert figures(page, "deviation") == ["+0.00 %", "+0.00 %"]
+    assert figures(page, "pieces") == ["1", "1"]
+
+    page.get_by_role("slider").first.press("End")
+    page.wait_for_function("() => !document.body.innerText.includes('+0.00 %')")
+    assert all(float(now) < 0.8 * then for now, then in zip(figures(page, "volume"), volumes, strict=True))
+    settled(page, artefacts / "end.png", lambda image: coloured(image) < 0.9 * coloured(first))
+
+
+def test_play_moves_time_for_everybody_who_looks(viewer: Viewer, page: Page, open_page: Callable[..., Page]) -> None:
+    other = open_page(viewer.url, {"width": 700, "height": 200})
+    page.get_by_role("slider").first.press("Home")
+    page.get_by_role("button", name="Play").click()
+    for watched in (page, other):
+        watched.get_by_role("button", name="Pause").wait_for()
+        watched.wait_for_function("() => document.querySelector('[role=slider]').getAttribute('aria-valuenow') > 0.3")
+    other.get_by_role("button", name="Pause").click()
+    page.get_by_role("button", name="Play").wait_for()
+
+
+def test_a_flat_morph_is_filled_and_takes_colours(open_page: Callable[..., Page], artefacts: Path) -> None:
+    viewer = Viewer(subjects(1, dim=2), SETTINGS, TIMES)
+    try:
+        page = open_page(viewer.url)
+        settled(page, artefacts / "flat.png", lambda image: coloured(image) > 1000)
+        page.get_by_label("Shows").click()
+        page.get_by_role("option", name="Eikonal residual").click()
+        page.get_by_text("zero for a distance").wait_for()
+        settled(page, artefacts / "eikonal.png", lambda image: bool((image[..., 1] - image[..., 2] > 40).any()))
+    finally:
+        viewer.close()
+
+
+def test_a_recording_plays_from_the_file_alone(open_page: Callable[..., Page], artefacts: Path, tmp_path: Path) -> None:
+    for _ in record(tmp_path / "morph.html", subjects(2), SETTINGS, TIMES, seconds=2.0):
+        pass
+    page = open_page((tmp_path / "morph.html").as_uri())
+    seen: list[int] = []
+    settled(page, artefacts / "recording.png", lambda image: coloured(image) > 1000)
+    for _ in range(40):
+        seen.append(coloured(picture(page, artefacts / "recording.png")))
+        if min(seen) < 0.9 * max(seen):
+            return
+        page.wait_for_timeout(100)
+    pytest.fail(f"the recording stands still: {seen}")
