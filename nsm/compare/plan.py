@@ -120,8 +120,8 @@ _LEAST = {"volume_resolution": 8, "surface_resolution": 8, "times": 2}
 
 
 def jobs(study: Study) -> list[Job]:
-    """All runs: pair by pair, method by method, so that the first picture is complete as early as can be."""
-    return [_job(study, pair, method, seed) for pair in study.pairs for method in study.methods for seed in study.seeds]
+    """All runs: one seed of everything first, and of that pair by pair, so that pictures are complete early."""
+    return [_job(study, pair, method, seed) for seed in study.seeds for pair in study.pairs for method in study.methods]
 
 
 def official_pair(pair: Choice) -> str | None:

@@ -62,7 +62,7 @@ class MorphTask(FieldTask):
         loss: WeightedSum,
         optimizer: Callable[..., Optimizer],
         scheduler: Callable[..., LRScheduler],
-        volume_resolution: int = 48,
+        volume_resolution: int = 64,
         volume_times: int = 11,
         landmarks: LandmarkPairs | None = None,
     ) -> None:

@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 #: A grid resolves a shape when its volume on it is right to this part; until then there are more cells, by this factor
 #: each time, so many times.
-_VOLUME_TOLERANCE, _MORE, _TIMES_MORE = 0.02, 1.5, 4
+_VOLUME_TOLERANCE, _MORE, _TIMES_MORE = 0.005, 1.5, 4
 #: A volume that is the same on so many grids is what they can measure.
 _UNCHANGED = 3
 #: Blocks of the grid along the box among which the surface is looked for first: fewer than for a final measurement.
