@@ -7,13 +7,13 @@ import shlex
 from pathlib import Path
 
 import pytest
+from analytic import save, turning
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+from runs import composed
 
 from nsm.cli.configuration import CONF
 from nsm.compare.plan import read_study
-from analytic import save, turning
-from runs import composed
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
