@@ -121,7 +121,7 @@ def run_here(module: ModuleType, *overrides: str) -> int:
     """Run a command in this process; returns its exit status."""
     with mock.patch.object(sys, "argv", [module.__name__, *overrides]):
         try:
-            entry.run(module.main, module.__name__.rpartition(".")[2])
+            entry.run(module.main, module.__name__.split(".")[1])
         except SystemExit as end:
             return int(end.code or 0)
     return 0
