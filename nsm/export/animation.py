@@ -14,7 +14,7 @@ from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
 from nsm.export.formats import Format, Request, one_file
 from nsm.export.manifest import Manifest, write_records
-from nsm.export.sequence import settings_of, summarise, surfaces_of, write_all, write_pair
+from nsm.export.sequence import settings_of, summarize, surfaces_of, write_all, write_pair
 from nsm.export.surfaces import CarriedAlong
 from nsm.io.moving import playing_times
 from nsm.morphs.surfaces import Frame
@@ -57,7 +57,7 @@ class Animation(Format):
             self.write_frames(path, _read_parts(manifest), request.seconds)
         write_records(path.with_name(f"{path.name}.json"), manifest.settings, manifest.records)
         shutil.rmtree(parts)
-        summarise(manifest, request)
+        summarize(manifest, request)
         log.info("wrote %d frames to %s (%.1f MB)", len(request.times), path, path.stat().st_size / 1e6)
         return path
 

@@ -28,7 +28,7 @@ class Request:
         times: one a frame.
         resolution: cells along the longest edge of the box.
         frame: the vertices' coordinates: ``morph`` for those of the box; ``source`` or ``target`` for those of that
-            end's file (or formula), so that fit, pose and normalisation of its volume are undone.
+            end's file (or formula), so that fit, pose and normalization of its volume are undone.
         exact_volume: whether each frame has the level at which its volume is the wanted one.
         transport: whether one mesh is carried along V, in place of a surface extracted at each time.
         mesh: what is carried, a file in the coordinates of the source's; None for the surface at t = 0.

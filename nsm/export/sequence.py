@@ -43,7 +43,7 @@ class Meshes(Format):
         write_all(manifest, self.suffix, request, surfaces, _write)
         if isinstance(surfaces, CarriedAlong):
             write_pair(request.output, surfaces.pair())
-        written = summarise(manifest, request)
+        written = summarize(manifest, request)
         there = f" ({before} were there)" if before else ""
         log.info("wrote %d of %d frames to %s%s", written, len(request.times), request.output, there)
         return request.output
@@ -110,7 +110,7 @@ def settings_of(request: Request, suffix: str) -> dict[str, object]:
     }
 
 
-def summarise(manifest: Manifest, request: Request) -> int:
+def summarize(manifest: Manifest, request: Request) -> int:
     """Log what the frames are, and return how many there are."""
     low, high = request.morph.bounds
     report(manifest.records, request.exact_volume, float((high - low).max()))
@@ -118,10 +118,10 @@ def summarise(manifest: Manifest, request: Request) -> int:
 
 
 def write_pair(folder: Path, pair: Pair) -> None:
-    """Write which point of the target each vertex of the source became: as numbers, and as two coloured meshes."""
+    """Write which point of the target each vertex of the source became: as numbers, and as two colored meshes."""
     suffix = "ply" if pair.source.vertices.shape[1] == 3 else "obj"
     for name, mesh in (("source", pair.source), ("target", pair.target)):
-        write_mesh(folder / f"{name}.{suffix}", mesh, attributes=Attributes(colours=pair.colours))
+        write_mesh(folder / f"{name}.{suffix}", mesh, attributes=Attributes(colors=pair.colors))
     with whole_file(folder / "correspondences.npz") as temporary:
         np.savez_compressed(
             temporary,

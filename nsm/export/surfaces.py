@@ -22,7 +22,7 @@ from nsm.morphs.advected import (
     velocity_of,
 )
 from nsm.morphs.surfaces import ExactVolume, Frame, extract_frame, zero_level
-from nsm.plots.colors import position_colours
+from nsm.plots.colors import position_colors
 from nsm.shapes import Similarity
 from nsm.shapes.textured import Attributes, load_textured
 from nsm.types import Morph, SimplexMesh
@@ -95,9 +95,9 @@ class CarriedAlong(Surfaces):
 
     @property
     def attributes(self) -> Attributes:
-        """Those of the mesh; colours by where each vertex starts if it has neither colours nor a place on a texture."""
+        """Those of the mesh; colors by where each vertex starts if it has neither colors nor a place on a texture."""
         given = self._carried.attributes
-        return given if given.colours is not None or given.uv is not None else Attributes(colours=self._start_colours)
+        return given if given.colors is not None or given.uv is not None else Attributes(colors=self._start_colors)
 
     def extract(self, time: float) -> Frame:
         mesh = self._carried.mesh(self._carried.times.index(time))
@@ -105,14 +105,14 @@ class CarriedAlong(Surfaces):
             return Frame(time, 0.0, mesh, normalize(self.morph.gradient(mesh.vertices, time), dim=1))
 
     def pair(self) -> Pair:
-        """Both ends with the same colours where they correspond, in the coordinates that were asked for."""
+        """Both ends with the same colors where they correspond, in the coordinates that were asked for."""
         found = correspondences(self.morph, self._carried, self.request.resolution)
-        colours = self.attributes.colours
+        colors = self.attributes.colors
         return Pair(
             self.place(SimplexMesh(found.source_points, found.simplices)),
             self.place(SimplexMesh(found.target_points, found.simplices)),
             found.distances.double() * self._back.scale,
-            self._start_colours if colours is None else colours,
+            self._start_colors if colors is None else colors,
         )
 
     @cached_property
@@ -124,9 +124,9 @@ class CarriedAlong(Surfaces):
         return carry_mesh(self.morph, self._mesh, times, project=project, progress=self.progress)
 
     @cached_property
-    def _start_colours(self) -> Tensor:
+    def _start_colors(self) -> Tensor:
         start = self._carried.vertices[0]
-        return position_colours(start, torch.stack([start.amin(0), start.amax(0)]))
+        return position_colors(start, torch.stack([start.amin(0), start.amax(0)]))
 
 
 class Pair(NamedTuple):
@@ -135,13 +135,13 @@ class Pair(NamedTuple):
     Attributes:
         source, target: meshes of the same simplices.
         distances: by which the carried vertices missed the target (v,).
-        colours: of both (v, 3).
+        colors: of both (v, 3).
     """
 
     source: SimplexMesh
     target: SimplexMesh
     distances: Tensor
-    colours: Tensor
+    colors: Tensor
 
 
 def coordinates(morph: Morph, frame: str) -> Similarity:

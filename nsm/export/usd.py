@@ -53,7 +53,7 @@ def write_usd_carried(path: Path | str, frames: Iterable[Frame], seconds: float,
         path: where to write, with one of `SUFFIXES`.
         frames: 3D surfaces of the same connectivity at increasing times.
         seconds: from the first frame to the last.
-        attributes: what moves along; colours as ``displayColor``, places on the texture as ``st``. The texture itself
+        attributes: what moves along; colors as ``displayColor``, places on the texture as ``st``. The texture itself
             is left out, as USD keeps pictures in files of their own.
 
     Raises:
@@ -122,14 +122,14 @@ def _set_points(mesh: UsdGeom.Mesh, frame: Frame, code: Usd.TimeCode) -> None:
 
 
 def _paint(mesh: UsdGeom.Mesh, attributes: Attributes, closed: bool) -> None:
-    """Colours, or clay where there are none, and places on the texture."""
+    """Colors, or clay where there are none, and places on the texture."""
     from pxr import Sdf, UsdGeom, Vt
 
     mesh.CreateDoubleSidedAttr(not closed)
-    if attributes.colours is None:
+    if attributes.colors is None:
         mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([CLAY])
     else:
-        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(_vectors(linear_rgb(attributes.colours)))
+        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(_vectors(linear_rgb(attributes.colors)))
     if attributes.uv is not None:
         kind = Sdf.ValueTypeNames.TexCoord2fArray
         places = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)

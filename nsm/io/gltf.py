@@ -119,8 +119,8 @@ class _Document:
             POSITION=self.accessor(_points(frame), gl.ARRAY_BUFFER, bounds=True),
             NORMAL=self.accessor(_unit(frame), gl.ARRAY_BUFFER),
         )
-        if attributes.colours is not None:
-            streams.COLOR_0 = self.accessor(_array(linear_rgb(attributes.colours)), gl.ARRAY_BUFFER)
+        if attributes.colors is not None:
+            streams.COLOR_0 = self.accessor(_array(linear_rgb(attributes.colors)), gl.ARRAY_BUFFER)
         if attributes.uv is not None:
             # glTF has the origin of a texture at its upper left corner
             streams.TEXCOORD_0 = self.accessor(_array(attributes.uv) * [1, -1] + [0, 1], gl.ARRAY_BUFFER)
@@ -155,8 +155,8 @@ class _Document:
             file.writelines(self.gltf.save_to_bytes())
 
     def _material(self, attributes: Attributes, closed: bool) -> int:
-        """The number of a clay-like material, of one that lets colours through, or of one that shows the texture."""
-        plain = attributes.colours is None and attributes.texture is None
+        """The number of a clay-like material, of one that lets colors through, or of one that shows the texture."""
+        plain = attributes.colors is None and attributes.texture is None
         surface = gl.PbrMetallicRoughness(
             baseColorFactor=[*(CLAY if plain else (1.0, 1.0, 1.0)), 1.0], metallicFactor=0.0, roughnessFactor=ROUGHNESS
         )

@@ -31,7 +31,7 @@ def write_mesh(
 ) -> None:
     """Write a surface as PLY (binary), OBJ or STL (binary), by the suffix of ``path``; a 2D curve as OBJ lines.
 
-    PLY and OBJ carry vertex normals, colours (sRGB) and texture coordinates. A curve lies in the plane z = 0. A surface
+    PLY and OBJ carry vertex normals, colors (sRGB) and texture coordinates. A curve lies in the plane z = 0. A surface
     that is not there gives a valid file without triangles, so that a sequence has no gaps. Where single precision would
     show, for a small shape far from the origin, PLY and OBJ have coordinates in double precision.
 
@@ -57,15 +57,15 @@ def write_mesh(
 
 
 class _Extra(NamedTuple):
-    """Colours (v, 3) in 0..1 and texture coordinates (v, 2), where there are any."""
+    """Colors (v, 3) in 0..1 and texture coordinates (v, 2), where there are any."""
 
-    colours: np.ndarray | None
+    colors: np.ndarray | None
     uv: np.ndarray | None
 
 
 def _extra(attributes: Attributes) -> _Extra:
-    colours, uv = (None if v is None else v.detach().cpu().numpy() for v in (attributes.colours, attributes.uv))
-    return _Extra(colours, uv)
+    colors, uv = (None if v is None else v.detach().cpu().numpy() for v in (attributes.colors, attributes.uv))
+    return _Extra(colors, uv)
 
 
 def _places(vertices: Tensor) -> np.ndarray:
@@ -89,8 +89,8 @@ def _ply(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray, extra
         if block is not None
         for name, values in zip(names.split(), block.T, strict=True)
     ]
-    if extra.colours is not None:
-        levels = np.rint(255 * extra.colours.clip(0, 1))
+    if extra.colors is not None:
+        levels = np.rint(255 * extra.colors.clip(0, 1))
         columns += [(n, "uchar", "u1", v) for n, v in zip(("red", "green", "blue"), levels.T, strict=True)]
     points = np.empty(len(vertices), dtype=[(name, kind) for name, _, kind, _ in columns])
     for name, _, _, values in columns:
@@ -113,10 +113,10 @@ def _stl(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray, extra
 
 
 def _obj(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray, extra: _Extra) -> bytes:
-    # colours stand behind the coordinates, which is no part of the format but widely read
+    # colors stand behind the coordinates, which is no part of the format but widely read
     behind = [""] * len(vertices)
-    if extra.colours is not None:
-        behind = [f" {r:.4g} {g:.4g} {b:.4g}" for r, g, b in extra.colours.tolist()]
+    if extra.colors is not None:
+        behind = [f" {r:.4g} {g:.4g} {b:.4g}" for r, g, b in extra.colors.tolist()]
     digits = 9 if vertices.dtype == np.float32 else 17
     places = [" ".join(f"{value:.{digits}g}" for value in place) for place in vertices.tolist()]
     lines = [f"v {place}{more}" for place, more in zip(places, behind, strict=True)]

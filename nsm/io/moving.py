@@ -12,7 +12,7 @@ from torch import Tensor
 from nsm.cli.errors import InputError
 from nsm.types import SimplexMesh
 
-#: The colour of clay in amounts of light: red, green, blue.
+#: The color of clay in amounts of light: red, green, blue.
 CLAY = (0.62, 0.45, 0.34)
 
 
@@ -41,6 +41,6 @@ def is_closed(mesh: SimplexMesh) -> bool:
     return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
 
 
-def linear_rgb(colours: Float[Tensor, "v 3"]) -> Float[Tensor, "v 3"]:
-    """Colours in amounts of light, as glTF and USD take them at vertices, from sRGB (IEC 61966-2-1)."""
-    return torch.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+def linear_rgb(colors: Float[Tensor, "v 3"]) -> Float[Tensor, "v 3"]:
+    """Colors in amounts of light, as glTF and USD take them at vertices, from sRGB (IEC 61966-2-1)."""
+    return torch.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)

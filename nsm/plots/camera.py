@@ -24,7 +24,7 @@ class Camera(NamedTuple):
     """Parallel rays of sight onto a shape that may turn about its upright axis.
 
     Attributes:
-        centre: in the middle of the picture (3,).
+        center: in the middle of the picture (3,).
         axes: right, up and towards the viewer, as rows (3, 3).
         half_width, half_height: from the middle of the picture to its edges, in units of length.
         vertical: unit vector (3,) upwards in space.
@@ -32,7 +32,7 @@ class Camera(NamedTuple):
         floor: height of the floor along ``vertical``.
     """
 
-    centre: np.ndarray
+    center: np.ndarray
     axes: np.ndarray
     half_width: float
     half_height: float
@@ -47,7 +47,7 @@ class Camera(NamedTuple):
 
     def on_picture(self, points: np.ndarray) -> np.ndarray:
         """Points (n, 3) as (n, 2) from the middle of the picture, ±1 at its edges, to the right and upwards."""
-        seen = (points - self.centre) @ self.axes[:2].T
+        seen = (points - self.center) @ self.axes[:2].T
         return seen / np.array([self.half_width, self.half_height])
 
     def turn(self, angle: float) -> np.ndarray:
@@ -101,7 +101,7 @@ def place_camera(
         aspect = max(needed / radius, _FLATTEST)
     half_height = max(needed, aspect * _ACROSS * width) / zoom
     return camera._replace(
-        centre=(lowest + highest) / 2 @ axes, half_width=float(half_height / aspect), half_height=float(half_height)
+        center=(lowest + highest) / 2 @ axes, half_width=float(half_height / aspect), half_height=float(half_height)
     )
 
 

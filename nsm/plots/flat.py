@@ -27,7 +27,7 @@ class PlaneDrawing:
 
     Args:
         morph: of two dimensions.
-        look: how fine, at which levels, in which colours; clay shades the inside by its depth.
+        look: how fine, at which levels, in which colors; clay shades the inside by its depth.
     """
 
     def __init__(self, morph: Morph, look: Look) -> None:
@@ -51,10 +51,10 @@ class PlaneDrawing:
             [shades[min(number, len(shades) - 1)] for number in range(_LEVELS)] for shades in (_INSIDE, _OUTSIDE)
         )
         axis.contourf(*place, heights, levels=steps, colors=[*deeper[::-1], *higher], extend="both")
-        if self._look.colours is not clay:
+        if self._look.colors is not clay:
             self._fill(axis, values, time)
-        for levels, colour in ((steps[steps < 0], _LINE_INSIDE), (steps[steps > 0], _LINE_OUTSIDE)):
-            axis.contour(*place, heights, levels=levels, colors=colour, linewidths=line / 4, linestyles="-")
+        for levels, color in ((steps[steps < 0], _LINE_INSIDE), (steps[steps > 0], _LINE_OUTSIDE)):
+            axis.contour(*place, heights, levels=levels, colors=color, linewidths=line / 4, linestyles="-")
         if heights.min() < 0 < heights.max():
             axis.contour(*place, heights, levels=[0.0], colors=_OUTLINE, linewidths=line)
         low, high = self._morph.bounds.cpu().double().numpy()
@@ -64,12 +64,12 @@ class PlaneDrawing:
         axis.set_yticks([])
 
     def _fill(self, axis: Axes, values: torch.Tensor, time: float) -> None:
-        """Colours of the look inside the shape and just around it, where the outline covers their rim."""
+        """Colors of the look inside the shape and just around it, where the outline covers their rim."""
         inside = values < 0.25 * self._spacing
         pixels = np.zeros((*values.shape, 4))
         if bool(inside.any()):
-            colours = self._look.colours(self._morph, self._points[inside], time)
-            pixels[inside.cpu().numpy()] = np.c_[colours.cpu().double().numpy(), np.ones(len(colours))]
+            colors = self._look.colors(self._morph, self._points[inside], time)
+            pixels[inside.cpu().numpy()] = np.c_[colors.cpu().double().numpy(), np.ones(len(colors))]
         pixels[..., 3] *= (values < 0).cpu().numpy()
         low, high = self._morph.bounds.cpu().double().numpy()
         extent = (low[0], high[0], low[1], high[1])

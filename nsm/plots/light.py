@@ -1,7 +1,7 @@
 """The light of a bright room on a matt surface and on the floor below it, point by point.
 
 Light comes from all of the room, brighter above than below, where the surface does not block it (ambient occlusion),
-and from a large lamp, whose shadows are soft. Both are sums over fixed directions, the same at every point: neighbours
+and from a large lamp, whose shadows are soft. Both are sums over fixed directions, the same at every point: neighbors
 see almost the same, so light is free of noise, and so do successive times, so films do not flicker. Rays are traced
 by Embree (Wald et al., 2014).
 """
@@ -38,15 +38,15 @@ class Light(NamedTuple):
     room: np.ndarray
     lamps: np.ndarray
 
-    def reflected(self, colour: np.ndarray) -> np.ndarray:
+    def reflected(self, color: np.ndarray) -> np.ndarray:
         """Linear RGB (n, 3) from a surface of linear RGB (n, 3) or (3,).
 
         In a crease, light of the room that is blocked is partly replaced by light from the surface around, which has
-        its colour: room / (1 − colour (1 − room)) (after Jimenez et al., Practical real-time strategies for accurate
+        its color: room / (1 − color (1 − room)) (after Jimenez et al., Practical real-time strategies for accurate
         indirect occlusion, 2016).
         """
         room = self.room[:, None]
-        return colour * (_ROOM * room / (1 - colour * (1 - room.clip(0, 1))) + self.lamps[:, None])
+        return color * (_ROOM * room / (1 - color * (1 - room.clip(0, 1))) + self.lamps[:, None])
 
 
 class Room:
@@ -76,7 +76,7 @@ class Room:
         upwards = around @ self._camera.vertical
         above = _HORIZON + (_ZENITH - _HORIZON) * upwards
         bright = np.where(upwards > 0, above, _BELOW)
-        # normalised by all weights of a point, so that a plane in the open gets what it should in spite of few rays
+        # normalized by all weights of a point, so that a plane in the open gets what it should in spite of few rays
         free, whole = self._gather(points, normals, around, bright)
         lit, all_lit = self._gather(points, normals, _disc(self._lamp, _LAMP_RADIUS, _LAMP_RAYS), None)
         room = free / whole.clip(1e-9)

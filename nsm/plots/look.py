@@ -1,4 +1,4 @@
-"""How a surface is prepared for a picture: where it is cut from f, how fine, in which colours, seen from where."""
+"""How a surface is prepared for a picture: where it is cut from f, how fine, in which colors, seen from where."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from nsm.geometry.refinement import refine_bends
 from nsm.geometry.topology import vertex_normals
 from nsm.morphs.surfaces import Levels, zero_level
 from nsm.plots.camera import Camera, place_camera
-from nsm.plots.colors import carried_colours
+from nsm.plots.colors import carried_colors
 from nsm.plots.studio import Surface
 from nsm.types import Morph, SimplexMesh
 
-#: Colours (n, 3), sRGB in 0..1, of points (n, d) of the shape at a time.
-Colours = Callable[[Morph, Tensor, float], Tensor]
+#: Colors (n, 3), sRGB in 0..1, of points (n, d) of the shape at a time.
+Colors = Callable[[Morph, Tensor, float], Tensor]
 
 #: sRGB of surfaces: a light clay that leaves room for shadows.
 _CLAY = (0.640, 0.740, 0.890)
-#: Points that are carried for their colours, and neighbours among them that colour any other.
-_CARRIED, _NEIGHBOURS = 6000, 4
+#: Points that are carried for their colors, and neighbors among them that color any other.
+_CARRIED, _NEIGHBORS = 6000, 4
 #: Least cosine between the normal of f at a vertex and that of the triangles there.
 _FACING = 0.3
 #: Times and cells along the box for the surfaces that settle the camera.
@@ -35,24 +35,24 @@ _CAMERA_TIMES, _CAMERA_RESOLUTION = 9, 48
 
 
 def clay(morph: Morph, points: Float[Tensor, "n d"], time: float) -> Float[Tensor, "n 3"]:
-    """The same colour everywhere."""
+    """The same color everywhere."""
     return points.new_tensor(_CLAY).expand(len(points), 3)
 
 
 def carried(morph: Morph, points: Float[Tensor, "n d"], time: float) -> Float[Tensor, "n 3"]:
-    """Colours (n, 3) by where points come from on the surface at t = 0, as `carried_colours` gives them.
+    """Colors (n, 3) by where points come from on the surface at t = 0, as `carried_colors` gives them.
 
-    Only some points are carried; these colours change slowly, and the others take theirs from the nearest.
+    Only some points are carried; these colors change slowly, and the others take theirs from the nearest.
 
     Raises:
         InputError: if the morph has no velocity.
     """
     if len(points) <= _CARRIED:
-        return carried_colours(morph, points, time)
+        return carried_colors(morph, points, time)
     chosen = torch.linspace(0, len(points) - 1, _CARRIED, device=points.device).long()
-    known = carried_colours(morph, points[chosen], time).cpu().double().numpy()
+    known = carried_colors(morph, points[chosen], time).cpu().double().numpy()
     places = points.cpu().double().numpy()
-    distance, nearest = cKDTree(places[chosen.cpu().numpy()]).query(places, k=_NEIGHBOURS)
+    distance, nearest = cKDTree(places[chosen.cpu().numpy()]).query(places, k=_NEIGHBORS)
     weight = 1 / (distance**2 + 1e-12)
     mixed = (weight[..., None] * known[nearest]).sum(1) / weight.sum(1, keepdims=True)
     return torch.as_tensor(mixed).to(points)
@@ -68,7 +68,7 @@ class Look(NamedTuple):
 
     Attributes:
         resolution: cells along the box; where the surface bends triangles are finer.
-        colours: of points of the shape.
+        colors: of points of the shape.
         levels: makes, for a morph, the value of f on the surface at each time.
         view: where the viewer stands, a direction (3D).
         up: which way is up (3D).
@@ -76,7 +76,7 @@ class Look(NamedTuple):
     """
 
     resolution: int = 128
-    colours: Colours = clay
+    colors: Colors = clay
     levels: Callable[[Morph], Levels] = zero_levels
     view: Sequence[float] = (0.55, 0.45, 1.0)
     up: Sequence[float] = (0.0, 1.0, 0.0)
@@ -94,8 +94,8 @@ def surface(morph: Morph, time: float, level: float, look: Look) -> Surface:
     mesh = extract_surface(field, morph.bounds, look.resolution, level)
     mesh, normals = refine_bends(mesh, field, gradient, level)
     normals = facing(normals, mesh)
-    colours = look.colours(morph, mesh.vertices, time)
-    return Surface(_array(mesh.vertices), mesh.simplices.cpu().numpy(), _array(normals), _array(colours))
+    colors = look.colors(morph, mesh.vertices, time)
+    return Surface(_array(mesh.vertices), mesh.simplices.cpu().numpy(), _array(normals), _array(colors))
 
 
 def facing(normals: Float[Tensor, "v 3"], mesh: SimplexMesh) -> Float[Tensor, "v 3"]:

@@ -55,7 +55,7 @@ def render_strip(
         morphs: one morph, or several of the same dimension by name; names are written beside the rows.
         times: of the columns.
         size: pixels across one picture.
-        look: how fine, in which colours and from where.
+        look: how fine, in which colors and from where.
         progress: told after each picture.
 
     Raises:

@@ -24,7 +24,7 @@ _RIM = 0.4
 _LEAST_SLOPE = 0.05
 #: Light on the inner side of a surface, which is seen where it is open.
 _INSIDE = 0.3
-#: Light from here to white is compressed, so that bright colours keep their shades.
+#: Light from here to white is compressed, so that bright colors keep their shades.
 _SHOULDER = 0.75
 #: Exponent that takes linear light to sRGB.
 _GAMMA = 1 / 2.2
@@ -41,13 +41,13 @@ class Surface(NamedTuple):
         vertices: (v, 3).
         triangles: (m, 3) indices, counter-clockwise seen from outside.
         normals: unit normals (v, 3).
-        colours: (v, 3), sRGB in 0 … 1.
+        colors: (v, 3), sRGB in 0 … 1.
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
     normals: np.ndarray
-    colours: np.ndarray
+    colors: np.ndarray
 
 
 class Studio:
@@ -73,8 +73,8 @@ class Studio:
         self._plotter.set_background("white")
         self._plotter.enable_anti_aliasing("msaa", multi_samples=_MULTISAMPLES)
         view = self._plotter.camera
-        view.focal_point = camera.centre
-        view.position = camera.centre + _DISTANCE * camera.half_height * camera.axes[2]
+        view.focal_point = camera.center
+        view.position = camera.center + _DISTANCE * camera.half_height * camera.axes[2]
         view.up = camera.axes[1]
         view.parallel_projection = True
         view.parallel_scale = camera.half_height
@@ -100,21 +100,21 @@ class Studio:
             return np.full((*self.size[::-1], 3), 255, dtype=np.uint8)
         room = Room(surface.vertices, surface.triangles, self._camera)
         seen = _seen(surface, self._camera)
-        linear = surface.colours ** (1 / _GAMMA)
+        linear = surface.colors ** (1 / _GAMMA)
         light = _INSIDE * linear
         light[seen] = room.light(surface.vertices[seen], surface.normals[seen]).reflected(linear[seen])
         picture = self._pixels(surface, _compressed(light) ** _GAMMA)
-        colours, cover = picture[..., :3], picture[..., 3:] / 255
+        colors, cover = picture[..., :3], picture[..., 3:] / 255
         # the shape is drawn over white: what is missing of white is the shadow, where the shape does not cover it
         shadow = self._floor(room)[..., None]
-        dimmed = colours - 255 * (1 - cover) * shadow
+        dimmed = colors - 255 * (1 - cover) * shadow
         # rounded at random, or steps of a faint shadow are seen as lines
-        return np.where(shadow > 0, dimmed + self._grain, colours + 0.5).clip(0, 255).astype(np.uint8)
+        return np.where(shadow > 0, dimmed + self._grain, colors + 0.5).clip(0, 255).astype(np.uint8)
 
-    def _pixels(self, surface: Surface, colours: np.ndarray) -> np.ndarray:
-        """Red, green, blue over white and opacity (height, width, 4), 0 … 255, of triangles by colours (v, 3)."""
+    def _pixels(self, surface: Surface, colors: np.ndarray) -> np.ndarray:
+        """Red, green, blue over white and opacity (height, width, 4), 0 … 255, of triangles by colors (v, 3)."""
         mesh = self._pyvista.PolyData.from_regular_faces(surface.vertices, surface.triangles)
-        mesh.point_data["light"] = np.round(255 * colours).astype(np.uint8)
+        mesh.point_data["light"] = np.round(255 * colors).astype(np.uint8)
         self._plotter.add_mesh(
             mesh,
             name="surface",
@@ -140,7 +140,7 @@ class Studio:
         across, along = np.linspace(-1, 1, columns), np.linspace(1, -1, rows)
         right, up, toward = camera.axes
         plane = camera.half_width * across[:, None] * right + camera.half_height * along[:, None, None] * up
-        points = (camera.centre + plane).reshape(-1, 3)
+        points = (camera.center + plane).reshape(-1, 3)
         points = points + ((camera.floor - points @ camera.vertical) / slope)[:, None] * toward
         rim = _fade(along)[:, None] * _fade(across)
         inner = rim.ravel() > 0

@@ -18,8 +18,8 @@ from nsm.cli.errors import InputError
 from nsm.cli.settings import moment, moments, number, numbers, switch, use_threads, whole_number
 from nsm.io.loading import Subject, load_subjects, output_folder
 from nsm.morphs.surfaces import ExactVolume, Levels
-from nsm.plots.colors import RESIDUALS, position_colours, residual_colours, surface_bounds
-from nsm.plots.look import Colours, Look, carried, clay, zero_levels
+from nsm.plots.colors import RESIDUALS, position_colors, residual_colors, surface_bounds
+from nsm.plots.look import Colors, Look, carried, clay, zero_levels
 from nsm.plots.slices import Plane, plot_residual_slices
 from nsm.plots.strip import render_strip
 from nsm.render.film import Pace, render_film, render_turntable
@@ -89,24 +89,24 @@ KINDS = {
 
 
 def _position(morph: Morph, points: Tensor, time: float) -> Tensor:
-    return position_colours(points, surface_bounds(morph, 0.0))
+    return position_colors(points, surface_bounds(morph, 0.0))
 
 
-#: What ``colour`` may be.
-COLOURS: Mapping[str, Colours] = {
+#: What ``color`` may be.
+COLORS: Mapping[str, Colors] = {
     "clay": clay,
     "position": _position,
     "carried": carried,
-} | {name: partial(residual_colours, what=name) for name in RESIDUALS}
+} | {name: partial(residual_colors, what=name) for name in RESIDUALS}
 
 
 def _look(config: Mapping[str, Any]) -> Look:
     resolution = whole_number("resolution", config["resolution"], 8)
-    if config["colour"] not in COLOURS:
-        raise InputError(f"colour={config['colour']} is not known: give one of {', '.join(COLOURS)}")
+    if config["color"] not in COLORS:
+        raise InputError(f"color={config['color']} is not known: give one of {', '.join(COLORS)}")
     return Look(
         resolution,
-        COLOURS[config["colour"]],
+        COLORS[config["color"]],
         _exact_levels(resolution) if switch("exact_volume", config["exact_volume"]) else zero_levels,
         numbers("view", config["view"]),
         numbers("up", config["up"]),

@@ -96,7 +96,7 @@ def render_film(
         morphs: one, or several of the same dimension by name.
         pace: how long, how smooth.
         size: width and height in pixels.
-        look: how fine, in which colours and from where.
+        look: how fine, in which colors and from where.
         progress: told after each frame.
 
     Raises:
@@ -135,7 +135,7 @@ def render_turntable(
         seconds: of a whole turn.
         fps: frames a second.
         size: width and height in pixels.
-        look: how fine, in which colours and from where.
+        look: how fine, in which colors and from where.
         progress: told after each frame.
 
     Raises:

@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from nsm.geometry.volume import volume
 from nsm.metrics import VolumeCurve
 from nsm.morphs.surfaces import Levels
-from nsm.plots.curves import COLOURS
+from nsm.plots.curves import COLOURS as SERIES
 from nsm.render.panel import pixels
 from nsm.types import Morph
 
@@ -64,12 +64,12 @@ class Timeline:
         axis = figure.add_axes((0.16, 0.3, 0.68, 0.6))
         axis.axhline(0, color="0.8", linewidth=line / 3, zorder=0)
         for number, (name, values) in enumerate(self._curves.items()):
-            colour = COLOURS[number % len(COLOURS)]
-            axis.plot(self._times, values, color=colour, alpha=0.25, linewidth=line, label=name)
+            color = SERIES[number % len(SERIES)]
+            axis.plot(self._times, values, color=color, alpha=0.25, linewidth=line, label=name)
             past = self._times <= time
             now = float(np.interp(time, self._times, values))
-            axis.plot([*self._times[past], time], [*values[past], now], color=colour, linewidth=1.4 * line)
-            axis.plot([time], [now], "o", color=colour, markersize=5 * line, clip_on=False, zorder=3)
+            axis.plot([*self._times[past], time], [*values[past], now], color=color, linewidth=1.4 * line)
+            axis.plot([time], [now], "o", color=color, markersize=5 * line, clip_on=False, zorder=3)
         axis.set_xlim(0, 1)
         axis.set_ylim(*self._range)
         axis.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])

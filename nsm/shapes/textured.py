@@ -1,4 +1,4 @@
-"""Meshes with what their vertices have: colours, a texture, further values."""
+"""Meshes with what their vertices have: colors, a texture, further values."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Attributes(NamedTuple):
     """What the vertices of a mesh have besides a place; nothing of it changes when they are carried.
 
     Attributes:
-        colours: sRGB (v, 3) in 0..1.
+        colors: sRGB (v, 3) in 0..1.
         uv: texture coordinates (v, 2), (0, 0) at the lower left of the picture.
         texture: the picture that ``uv`` points into.
         others: further values, by name, (v,) or (v, m).
     """
 
-    colours: Float[Tensor, "v 3"] | None = None
+    colors: Float[Tensor, "v 3"] | None = None
     uv: Float[Tensor, "v 2"] | None = None
     texture: Image.Image | None = None
     others: Mapping[str, Tensor] = MappingProxyType({})
@@ -46,7 +46,7 @@ class TexturedMesh(NamedTuple):
 
 
 def load_textured(path: Path | str) -> TexturedMesh:
-    """Read a mesh file with its colours, texture and other values of its vertices, as they stand in the file.
+    """Read a mesh file with its colors, texture and other values of its vertices, as they stand in the file.
 
     Nothing is merged, moved or turned; vertices are (v, 3) in double precision, in the coordinates of the file.
 
@@ -64,7 +64,7 @@ def load_textured(path: Path | str) -> TexturedMesh:
 
 
 def _others(read: trimesh.Trimesh) -> dict[str, Tensor]:
-    """Numbers at the vertices that are neither place, normal nor colour."""
+    """Numbers at the vertices that are neither place, normal nor color."""
     values = {str(name): np.asarray(array) for name, array in read.vertex_attributes.items()}
     # trimesh keeps those of a ply file only as they were read
     raw = read.metadata.get("_ply_raw", {}).get("vertex", {}).get("data", {})
@@ -78,11 +78,11 @@ def _others(read: trimesh.Trimesh) -> dict[str, Tensor]:
 
 
 def _look(read: trimesh.Trimesh) -> Attributes:
-    """Colours, or texture coordinates and the picture."""
+    """Colors, or texture coordinates and the picture."""
     visual: Any = read.visual
     if visual.kind in ("vertex", "face"):
-        colours = torch.tensor(np.asarray(visual.vertex_colors)[:, :3], dtype=torch.double) / 255
-        return Attributes(colours=colours)
+        colors = torch.tensor(np.asarray(visual.vertex_colors)[:, :3], dtype=torch.double) / 255
+        return Attributes(colors=colors)
     uv = getattr(visual, "uv", None)
     if uv is None:
         return Attributes()

@@ -41,7 +41,7 @@ def main(cfg: DictConfig) -> None:
         whole_number("resolution", config["resolution"], 8),
         switch("exact_volume", config["exact_volume"]),
         number("level", config["level"]),
-        str(config["colour"]),
+        str(config["color"]),
     )
     times = even_times(whole_number("times", config["times"], 2)).tolist()
     seconds = positive("seconds", config["seconds"])

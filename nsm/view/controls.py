@@ -1,4 +1,4 @@
-"""What stands beside the scene: time, figures, how the surface is made and coloured, and how far the work is."""
+"""What stands beside the scene: time, figures, how the surface is made and colored, and how far the work is."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import viser
 from viser import uplot
 
 from nsm.plots.colors import palette
-from nsm.view.frames import COLOURS, Settings, Surface, scale_of
+from nsm.view.frames import COLORS, Settings, Surface, scale_of
 
 #: Resolutions to choose from, beside that of the start.
 _RESOLUTIONS = (48, 64, 96, 128, 192, 256)
@@ -23,7 +23,7 @@ _SPEEDS = ("0.25×", "0.5×", "1×", "2×", "4×")
 _LINES = ("#2f5fb3", "#d9762b", "#3a9a5b", "#a2519e")
 _LEGENDS = {
     "clay": "",
-    "carried": "Each point has the colour of where the velocity has brought it from since t = 0.",
+    "carried": "Each point has the color of where the velocity has brought it from since t = 0.",
 }
 _RESIDUALS = {
     "level_set": "|∂f/∂t + ⟨∇f, V⟩| / ‖∇f‖, the speed at which V leaves the surface behind",
@@ -39,7 +39,7 @@ class Controls:
         names: of the morphs.
         times: from 0 to 1, one a frame.
         settings: to begin with.
-        colours: keys of `COLOURS` to choose from.
+        colors: keys of `COLORS` to choose from.
         edge: longest of the boxes' edges.
         dim: dimension of space.
 
@@ -55,11 +55,11 @@ class Controls:
         names: Sequence[str],
         times: Sequence[float],
         settings: Settings,
-        colours: Sequence[str],
+        colors: Sequence[str],
         edge: float,
         dim: int,
     ) -> None:
-        self.names, self.times, self._colours = names, times, colours
+        self.names, self.times, self._colors = names, times, colors
         self._measure = "area" if dim == 2 else "volume"
         self.on_time: Callable[[int], None] = lambda number: None
         self.on_settings: Callable[[Settings], None] = lambda settings: None
@@ -95,21 +95,21 @@ class Controls:
                 settings.exact,
                 hint=f"At each time the level of the wanted {self._measure}",
             )
-        with gui.add_folder("Colour"):
-            self._colour = gui.add_dropdown(
-                "Shows", [COLOURS[name] for name in colours], initial_value=COLOURS[settings.colour]
+        with gui.add_folder("Color"):
+            self._color = gui.add_dropdown(
+                "Shows", [COLORS[name] for name in colors], initial_value=COLORS[settings.color]
             )
-            self._legend = gui.add_html(legend(settings.colour))
+            self._legend = gui.add_html(legend(settings.color))
         self._time.on_update(self._moved)
         self._play.on_click(lambda event: self.play(not self.playing))
-        for handle in (self._resolution, self._offset, self._exact, self._colour):
+        for handle in (self._resolution, self._offset, self._exact, self._color):
             handle.on_update(self._chosen)
 
     @property
     def settings(self) -> Settings:
         """What is chosen now."""
-        colour = next(name for name in self._colours if COLOURS[name] == self._colour.value)
-        return Settings(int(self._resolution.value), bool(self._exact.value), float(self._offset.value), colour)
+        color = next(name for name in self._colors if COLORS[name] == self._color.value)
+        return Settings(int(self._resolution.value), bool(self._exact.value), float(self._offset.value), color)
 
     @property
     def figures(self) -> str:
@@ -159,7 +159,7 @@ class Controls:
 
     def _chosen(self, event: viser.GuiEvent[Any]) -> None:
         settings = self.settings
-        self._legend.content = legend(settings.colour)
+        self._legend.content = legend(settings.color)
         self.on_settings(settings)
 
     def _table(self, shown: Mapping[int, Surface]) -> str:
@@ -195,16 +195,16 @@ def percent(share: float) -> str:
     return f"{100 * share:+.2f} %"
 
 
-def legend(colour: str) -> str:
-    """What a colour says, as HTML: a bar from the least to the largest residual, or a sentence."""
-    if colour in _LEGENDS:
-        return f'<div style="font-size:0.8em;opacity:0.75;padding:0 0.6em">{_LEGENDS[colour]}</div>'
+def legend(color: str) -> str:
+    """What a color says, as HTML: a bar from the least to the largest residual, or a sentence."""
+    if color in _LEGENDS:
+        return f'<div style="font-size:0.8em;opacity:0.75;padding:0 0.6em">{_LEGENDS[color]}</div>'
     stops = (255 * palette(torch.linspace(0, 1, 9))).round().int().tolist()
     bar = ", ".join(f"rgb({r},{g},{b})" for r, g, b in stops)
     return (
         '<div style="font-size:0.8em;padding:0 0.6em">'
         f'<div style="height:0.8em;border-radius:0.2em;background:linear-gradient(to right, {bar})"></div>'
         '<div style="display:flex;justify-content:space-between">'
-        f"<span>0</span><span>{scale_of(colour):g} and more</span></div>"
-        f'<div style="opacity:0.75">{_RESIDUALS[colour]}</div></div>'
+        f"<span>0</span><span>{scale_of(color):g} and more</span></div>"
+        f'<div style="opacity:0.75">{_RESIDUALS[color]}</div></div>'
     )

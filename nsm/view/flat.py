@@ -49,7 +49,7 @@ def ribbon(mesh: SimplexMesh, edge: float) -> Triangles:
     """
     ends = mesh.vertices[mesh.simplices]
     side = torch.nn.functional.normalize(simplex_normals(mesh), dim=1) * (_SIDE * edge)
-    along = torch.stack([-side[:, 1], side[:, 0]], 1) / 2  # so that neighbouring bands meet without a notch
+    along = torch.stack([-side[:, 1], side[:, 0]], 1) / 2  # so that neighboring bands meet without a notch
     corners: list[Tensor] = [ends[:, 0] - along - side, ends[:, 0] - along + side]
     corners += [ends[:, 1] + along - side, ends[:, 1] + along + side]
     points = torch.stack(corners, 1).reshape(-1, 2).cpu().double().numpy()

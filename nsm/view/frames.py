@@ -1,4 +1,4 @@
-"""One frame as the page shows it: the surface in its colours, and the figures beside it."""
+"""One frame as the page shows it: the surface in its colors, and the figures beside it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from nsm.geometry.topology import component_count, enclosed_volume
 from nsm.geometry.volume import volume
 from nsm.morphs.growth import Grown
 from nsm.morphs.surfaces import ExactVolume, extract_frame
-from nsm.plots.colors import RESIDUALS, carried_colours, residual_colours
+from nsm.plots.colors import RESIDUALS, carried_colors, residual_colors
 from nsm.types import Morph, SimplexMesh
 from nsm.view.flat import filled, ribbon
 from nsm.view.glb import glb
 
-#: What the colours of a surface can say, by what the page calls it.
-COLOURS = {
+#: What the colors of a surface can say, by what the page calls it.
+COLORS = {
     "clay": "clay",
     "level_set": "level-set residual",
     "eikonal": "Eikonal residual",
@@ -30,8 +30,8 @@ COLOURS = {
 }
 #: sRGB of a surface without more to say, of a 2D shape's inside, and of its outline.
 _CLAY, _INSIDE, _OUTLINE = (0.68, 0.76, 0.89), (0.80, 0.86, 0.94), (0.16, 0.24, 0.38)
-#: Points that are carried for the colours of a frame, and from how many of them a vertex takes its own.
-_CARRIED, _NEIGHBOURS = 2000, 4
+#: Points that are carried for the colors of a frame, and from how many of them a vertex takes its own.
+_CARRIED, _NEIGHBORS = 2000, 4
 #: Distance at which a vertex is one of them.
 _AT_A_POINT = 1e-6
 #: Cells along the box for volumes: for smooth shapes, good to some 1e-4 of the volume.
@@ -45,24 +45,24 @@ class Settings(NamedTuple):
         resolution: cells along the box.
         exact: whether each frame shows the level of exactly the wanted volume.
         offset: the value of f on the surface, beyond that level.
-        colour: a key of `COLOURS`.
+        color: a key of `COLORS`.
     """
 
     resolution: int = 96
     exact: bool = False
     offset: float = 0.0
-    colour: str = "clay"
+    color: str = "clay"
 
     def check(self, morphs: list[Morph]) -> None:
         """Look whether morphs can be shown so.
 
         Raises:
-            InputError: if the colour is not known, or none of the morphs has the velocity that it needs.
+            InputError: if the color is not known, or none of the morphs has the velocity that it needs.
         """
-        if self.colour not in COLOURS:
-            raise InputError(f"colour={self.colour} is not known: give one of {', '.join(COLOURS)}")
-        if not any(can_colour(morph, self.colour) for morph in morphs):
-            raise InputError(f"colour={self.colour} needs a velocity, which no morph here has: give colour=eikonal")
+        if self.color not in COLORS:
+            raise InputError(f"color={self.color} is not known: give one of {', '.join(COLORS)}")
+        if not any(can_color(morph, self.color) for morph in morphs):
+            raise InputError(f"color={self.color} needs a velocity, which no morph here has: give color=eikonal")
 
 
 class Surface(NamedTuple):
@@ -121,18 +121,18 @@ class Photographer:
 
     @torch.no_grad()
     def picture(self, surface: Surface, time: float, settings: Settings) -> Picture:
-        """Colour a surface of this morph."""
+        """Color a surface of this morph."""
         mesh = surface.mesh
         if not len(mesh.simplices):
             return Picture(surface, None)
-        colours = self._colours(mesh.vertices, time, settings.colour)
+        colors = self._colors(mesh.vertices, time, settings.color)
         if self.morph.dim == 3:
-            plain = np.tile(_CLAY, (len(mesh.vertices), 1)) if colours is None else colours
+            plain = np.tile(_CLAY, (len(mesh.vertices), 1)) if colors is None else colors
             points, normals, faces = (a.cpu().numpy() for a in (mesh.vertices, surface.normals, mesh.simplices))
             return Picture(surface, glb(points, normals, faces, plain))
         inside, area = filled(mesh, partial(self.morph, t=time), surface.level)
         band, strip = ribbon(mesh, float((self.morph.bounds[1] - self.morph.bounds[0]).max()))
-        line = np.tile(_OUTLINE, (len(band), 1)) if colours is None else _at_corners(colours, mesh)
+        line = np.tile(_OUTLINE, (len(band), 1)) if colors is None else _at_corners(colors, mesh)
         return Picture(
             surface,
             glb(
@@ -162,39 +162,39 @@ class Photographer:
             self._exact[resolution] = ExactVolume(self.morph, resolution)
         return self._exact[resolution]
 
-    def _colours(self, points: Tensor, time: float, colour: str) -> Float[np.ndarray, "v 3"] | None:
-        """Colours of the vertices, None for plain clay."""
-        if colour == "clay" or not can_colour(self.morph, colour):
+    def _colors(self, points: Tensor, time: float, color: str) -> Float[np.ndarray, "v 3"] | None:
+        """Colors of the vertices, None for plain clay."""
+        if color == "clay" or not can_color(self.morph, color):
             return None
-        if colour != "carried":
-            return residual_colours(self.morph, points, time, colour).cpu().double().numpy()
+        if color != "carried":
+            return residual_colors(self.morph, points, time, color).cpu().double().numpy()
         return self._carried(points, time)
 
     def _carried(self, points: Tensor, time: float) -> Float[np.ndarray, "v 3"]:
-        """Colours of some of the points, spread to their neighbours: to carry all of them takes ten times as long."""
+        """Colors of some of the points, spread to their neighbors: to carry all of them takes ten times as long."""
         few = points[:: max(1, len(points) // _CARRIED)]
-        known = carried_colours(self.morph, few, time).cpu().double().numpy()
+        known = carried_colors(self.morph, few, time).cpu().double().numpy()
         tree = cKDTree(few.cpu().double().numpy())
-        distance, nearest = tree.query(points.cpu().double().numpy(), k=min(_NEIGHBOURS, len(few)))
+        distance, nearest = tree.query(points.cpu().double().numpy(), k=min(_NEIGHBORS, len(few)))
         distance, nearest = distance.reshape(len(points), -1), nearest.reshape(len(points), -1)
         weights = 1 / (distance + _AT_A_POINT)
         return (weights[..., None] * known[nearest]).sum(1) / weights.sum(1, keepdims=True)
 
 
-def can_colour(morph: Morph, colour: str) -> bool:
-    """Whether a morph has what a colour shows; without it, it is shown in clay."""
-    if colour in ("clay", "eikonal"):
+def can_color(morph: Morph, color: str) -> bool:
+    """Whether a morph has what a color shows; without it, it is shown in clay."""
+    if color in ("clay", "eikonal"):
         return True
     middle = morph.bounds.mean(0, keepdim=True)
     with torch.no_grad():
         return morph.velocity(middle, 0.0) is not None
 
 
-def scale_of(colour: str) -> float:
-    """The residual that has the last colour."""
-    return RESIDUALS[colour][1]
+def scale_of(color: str) -> float:
+    """The residual that has the last color."""
+    return RESIDUALS[color][1]
 
 
-def _at_corners(colours: np.ndarray, mesh: SimplexMesh) -> np.ndarray:
-    """Colours of the vertices of `ribbon`, from those of the segments' ends."""
-    return colours[mesh.simplices.cpu().numpy()].repeat(2, axis=1).reshape(-1, 3)
+def _at_corners(colors: np.ndarray, mesh: SimplexMesh) -> np.ndarray:
+    """Colors of the vertices of `ribbon`, from those of the segments' ends."""
+    return colors[mesh.simplices.cpu().numpy()].repeat(2, axis=1).reshape(-1, 3)

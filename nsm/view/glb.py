@@ -1,4 +1,4 @@
-"""Coloured triangles as a binary glTF in memory: the one form in which the page takes a colour for every vertex."""
+"""Colored triangles as a binary glTF in memory: the one form in which the page takes a color for every vertex."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def glb(
     vertices: Float[np.ndarray, "v 3"],
     normals: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "m 3"],
-    colours: Float[np.ndarray, "v 3"],
+    colors: Float[np.ndarray, "v 3"],
 ) -> bytes:
     """A glTF file of triangles, matt and visible from both sides.
 
@@ -28,10 +28,10 @@ def glb(
         vertices: (v, 3).
         normals: (v, 3), of unit length.
         faces: (m, 3), counter-clockwise seen from outside.
-        colours: (v, 3), sRGB in 0..1.
+        colors: (v, 3), sRGB in 0..1.
     """
     small = len(vertices) <= np.iinfo(np.uint16).max
-    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    linear = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
     rgba = np.ones((len(vertices), 4), dtype=np.uint16)
     rgba[:, :3] = np.rint(linear.clip(0, 1) * np.iinfo(np.uint16).max)
     rgba[:, 3] = np.iinfo(np.uint16).max

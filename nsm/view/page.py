@@ -15,7 +15,7 @@ import viser
 from nsm.cli.errors import InputError
 from nsm.io.loading import Subject
 from nsm.view.controls import Controls, percent
-from nsm.view.frames import COLOURS, Photographer, Settings, Surface, can_colour
+from nsm.view.frames import COLORS, Photographer, Settings, Surface, can_color
 from nsm.view.stage import Extent, Stage
 from nsm.view.store import Key, Store
 
@@ -44,7 +44,7 @@ class Viewer:
 
     Raises:
         InputError: if the port is not free, the host is none of this machine's, the morphs are not of one dimension,
-            or cannot be coloured so.
+            or cannot be colored so.
     """
 
     def __init__(
@@ -65,9 +65,9 @@ class Viewer:
         self._photographers = [Photographer(morph) for morph in morphs]
         self._store = Store(len(subjects), len(times), settings, memory)
         edge = max(float((morph.bounds[1] - morph.bounds[0]).max()) for morph in morphs)
-        colours = [name for name in COLOURS if any(can_colour(morph, name) for morph in morphs)]
+        colors = [name for name in COLORS if any(can_color(morph, name) for morph in morphs)]
         self._stage = Stage(self.server, names, [Extent.of(morph) for morph in morphs], dim)
-        self._controls = Controls(self.server, names, times, settings, colours, edge, dim)
+        self._controls = Controls(self.server, names, times, settings, colors, edge, dim)
         self._controls.on_time = self.go
         self._controls.on_settings = self.choose
         self._lock = threading.RLock()

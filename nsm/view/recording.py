@@ -29,7 +29,7 @@ def record(
         How many frames are done, of ``len(subjects) * len(times)``; the file is there when it ends.
 
     Raises:
-        InputError: if the file cannot be written, the morphs are not of one dimension, or cannot be coloured so.
+        InputError: if the file cannot be written, the morphs are not of one dimension, or cannot be colored so.
     """
     morphs = [subject.morph for subject in subjects]
     dim = one_dimension(subjects)

@@ -70,7 +70,7 @@ class Store:
             return [key for key in self._held if key.settings == self.settings]
 
     def surface(self, key: Key) -> Surface | None:
-        """The surface of a picture, from a held one that differs in colour only."""
+        """The surface of a picture, from a held one that differs in color only."""
         with self._changed:
             for other, picture in self._held.items():
                 if (other.morph, other.time, other.settings[:3]) == (key.morph, key.time, key.settings[:3]):

@@ -279,7 +279,7 @@ def _pushed(tmp_path: Path) -> tuple[NeuralMorph, Path]:
 
 
 @pytest.mark.parametrize("kind", ["ply", "glb"])
-def test_a_carried_surface_keeps_its_triangles_and_its_colours(kind: str, tmp_path: Path) -> None:
+def test_a_carried_surface_keeps_its_triangles_and_its_colors(kind: str, tmp_path: Path) -> None:
     _, file = _pushed(tmp_path)
     command = (f"checkpoint={file}", "times=[0,0.5,1]", "resolution=12", f"format={kind}", "output=o")
     # without projection: the velocity turns the surface, and f does not

@@ -73,7 +73,7 @@ def test_of_a_carried_mesh_only_points_vary(tmp_path: Path, frames: list[Frame])
         first._replace(time=t, mesh=SimplexMesh((1 + t) * first.mesh.vertices, first.mesh.simplices)) for t in TIMES
     ]
     count = len(first.mesh.vertices)
-    look = Attributes(colours=torch.rand(count, 3), uv=torch.rand(count, 2))
+    look = Attributes(colors=torch.rand(count, 3), uv=torch.rand(count, 2))
     write_usd_carried(tmp_path / "m.usdc", moved, 2.0, look)
     mesh = read(tmp_path / "m.usdc")
     assert mesh.GetFaceVertexIndicesAttr().GetTimeSamples() == []
@@ -82,9 +82,9 @@ def test_of_a_carried_mesh_only_points_vary(tmp_path: Path, frames: list[Frame])
     halfway = np.array(mesh.GetPointsAttr().Get((CODES[1] + CODES[2]) / 2))
     assert halfway == pytest.approx(1.625 * first.mesh.vertices.numpy(), abs=1e-6)
     primvars = UsdGeom.PrimvarsAPI(mesh)
-    colours, places = primvars.GetPrimvar("displayColor"), primvars.GetPrimvar("st")
-    assert colours.GetInterpolation() == places.GetInterpolation() == "vertex"
-    assert np.array(colours.Get()) == pytest.approx(linear_rgb(look.colours).numpy(), abs=1e-6)
+    colors, places = primvars.GetPrimvar("displayColor"), primvars.GetPrimvar("st")
+    assert colors.GetInterpolation() == places.GetInterpolation() == "vertex"
+    assert np.array(colors.Get()) == pytest.approx(linear_rgb(look.colors).numpy(), abs=1e-6)
     assert np.array(places.Get()) == pytest.approx(look.uv.numpy(), abs=1e-6)
 
 

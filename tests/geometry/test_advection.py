@@ -321,7 +321,7 @@ def textured_obj(folder: Path) -> Path:
 
 def test_an_obj_keeps_its_texture_and_its_seams(tmp_path: Path) -> None:
     mesh, look = load_textured(textured_obj(tmp_path))
-    assert look.colours is None
+    assert look.colors is None
     assert look.uv is not None
     assert look.texture is not None
     assert look.uv.shape == (len(mesh.vertices), 2)
@@ -343,17 +343,17 @@ def test_an_obj_keeps_its_texture_and_its_seams(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
-def test_a_ply_keeps_its_colours_and_values(tmp_path: Path, encoding: str) -> None:
+def test_a_ply_keeps_its_colors_and_values(tmp_path: Path, encoding: str) -> None:
     ball = trimesh.creation.icosphere(2)
-    colours = np.random.default_rng(0).integers(0, 256, (len(ball.vertices), 4), dtype=np.uint8)
-    ball.visual.vertex_colors = colours
+    colors = np.random.default_rng(0).integers(0, 256, (len(ball.vertices), 4), dtype=np.uint8)
+    ball.visual.vertex_colors = colors
     ball.vertex_attributes["weight"] = np.arange(len(ball.vertices), dtype=np.float32)
     ball.export(tmp_path / "ball.ply", encoding=encoding)
     mesh, look = load_textured(tmp_path / "ball.ply")
     assert torch.equal(mesh.simplices, torch.tensor(np.asarray(ball.faces)))
     torch.testing.assert_close(mesh.vertices, torch.tensor(np.asarray(ball.vertices)), rtol=0, atol=1e-6)
-    assert look.colours is not None
-    assert torch.equal((255 * look.colours).round(), torch.tensor(colours[:, :3]).double())
+    assert look.colors is not None
+    assert torch.equal((255 * look.colors).round(), torch.tensor(colors[:, :3]).double())
     assert set(look.others) == {"weight"}
     assert look.others["weight"].flatten().tolist() == list(range(len(ball.vertices)))
 

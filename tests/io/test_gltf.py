@@ -102,8 +102,8 @@ def test_another_reader_finds_the_same_surfaces(tmp_path: Path, extracted: list[
 
 
 def test_a_carried_mesh_goes_through_its_frames(tmp_path: Path, carried: list[Frame]) -> None:
-    colours = torch.rand(len(carried[0].mesh.vertices), 3)
-    write_glb_carried(tmp_path / "m.glb", carried, 3.0, Attributes(colours=colours))
+    colors = torch.rand(len(carried[0].mesh.vertices), 3)
+    write_glb_carried(tmp_path / "m.glb", carried, 3.0, Attributes(colors=colors))
     info = require_valid(tmp_path / "m.glb")
     assert info["hasMorphTargets"]
     assert info["drawCallCount"] == 1
@@ -119,7 +119,7 @@ def test_a_carried_mesh_goes_through_its_frames(tmp_path: Path, carried: list[Fr
             for weight, target in zip(weights[number], primitive.targets, strict=True):
                 blended = blended + weight * values(gltf, target[name])
             assert np.abs(blended - wanted.numpy()).max() < 1e-6
-    assert values(gltf, primitive.attributes.COLOR_0) == pytest.approx(linear_rgb(colours).numpy(), abs=1e-6)
+    assert values(gltf, primitive.attributes.COLOR_0) == pytest.approx(linear_rgb(colors).numpy(), abs=1e-6)
     base = trimesh.load(tmp_path / "m.glb", process=False, force="mesh")
     assert np.abs(base.vertices - carried[0].mesh.vertices.numpy()).max() < 1e-6
 

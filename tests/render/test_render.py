@@ -25,7 +25,7 @@ from nsm.geometry.refinement import refine_bends
 from nsm.geometry.topology import component_count
 from nsm.plots import opengl
 from nsm.plots.camera import place_camera
-from nsm.plots.colors import carried_colours
+from nsm.plots.colors import carried_colors
 from nsm.plots.light import Room
 from nsm.plots.look import Look, camera_for, carried, facing
 from nsm.plots.strip import render_strip, try_strip
@@ -41,8 +41,8 @@ def picture(path: Path) -> np.ndarray:
     return np.asarray(Image.open(path).convert("RGB")).astype(int)
 
 
-def coloured(pixels: np.ndarray) -> np.ndarray:
-    """Where a picture is not grey: on the shape, as paper and shadow are."""
+def colored(pixels: np.ndarray) -> np.ndarray:
+    """Where a picture is not gray: on the shape, as paper and shadow are."""
     return pixels.max(-1) - pixels.min(-1) > 12
 
 
@@ -69,7 +69,7 @@ class Sliding(LinearMotion):
         super().__init__(Ball(3), drift=[0.6, 0.3, -0.2], start=[-0.3, -0.15, 0.1])
 
     def _back(self, x, t):
-        return self._centred(x, t), torch.eye(3, dtype=x.dtype).expand(len(x), 3, 3)
+        return self._centerd(x, t), torch.eye(3, dtype=x.dtype).expand(len(x), 3, 3)
 
 
 def red(morph, points, time):
@@ -141,7 +141,7 @@ def test_a_convex_surface_is_lit_by_all_that_is_above_it() -> None:
     assert 0.85 < top <= 1.0
     assert bottom < side < top
     assert bottom > 0.4
-    # nothing shadows a ball but itself: neighbours are lit alike, without noise
+    # nothing shadows a ball but itself: neighbors are lit alike, without noise
     edges = mesh.simplices[:, :2].numpy()
     assert np.abs(light.room[edges[:, 0]] - light.room[edges[:, 1]]).max() < 0.06
 
@@ -159,7 +159,7 @@ def test_a_ball_is_where_it_should_be_and_as_large(tmp_path: Path) -> None:
     assert pixels.shape[1] == 2 * size
     assert pixels.shape[0] > height
     for number, time in enumerate(times):
-        tile = coloured(pixels)[:height, number * size : (number + 1) * size]
+        tile = colored(pixels)[:height, number * size : (number + 1) * size]
         share = math.pi * motion.shape.radius**2 / (4 * camera.half_width * camera.half_height)
         assert tile.mean() == pytest.approx(share, rel=0.03)
         right, up = camera.on_picture((motion.start + time * motion.drift).numpy()[None])[0]
@@ -171,46 +171,46 @@ def test_a_ball_is_where_it_should_be_and_as_large(tmp_path: Path) -> None:
 def test_pictures_are_bright_on_paper_that_is_white_at_the_rim(tmp_path: Path) -> None:
     render_strip(tmp_path / "strip.png", MOTIONS["rotating_box"](3), [0.5], size=160, look=COARSE)
     pixels = picture(tmp_path / "strip.png")[:150]
-    rows, _ = np.nonzero(coloured(pixels))
-    shape = pixels[coloured(pixels)]
+    rows, _ = np.nonzero(colored(pixels))
+    shape = pixels[colored(pixels)]
     assert shape.mean() > 130
     assert shape.max() < 255
     assert all((edge == 255).all() for edge in (pixels[0], pixels[:, 0], pixels[:, -1]))
-    paper = ~coloured(pixels)
-    grey = pixels[paper]
-    assert np.ptp(grey, axis=1).max() <= 12
+    paper = ~colored(pixels)
+    gray = pixels[paper]
+    assert np.ptp(gray, axis=1).max() <= 12
     # the shadow lies below the shape, not above it
     shaded = paper & (pixels.mean(-1) < 240)
     assert shaded[rows.max() - 5 :].sum() > 20
     assert not shaded[: rows.min()].any()
 
 
-def test_levels_and_colours_of_a_look_are_drawn(tmp_path: Path) -> None:
+def test_levels_and_colors_of_a_look_are_drawn(tmp_path: Path) -> None:
     motion = LinearMotion(Ball(3, 0.4))
-    thick = COARSE._replace(levels=lambda morph: lambda time: 0.1 * time, colours=red)
+    thick = COARSE._replace(levels=lambda morph: lambda time: 0.1 * time, colors=red)
     render_strip(tmp_path / "strip.png", motion, [0.0, 1.0], size=100, look=thick)
     pixels = picture(tmp_path / "strip.png")
-    thin, grown = (coloured(pixels[:100, part]) for part in (slice(0, 100), slice(100, 200)))
+    thin, grown = (colored(pixels[:100, part]) for part in (slice(0, 100), slice(100, 200)))
     assert grown.sum() / thin.sum() == pytest.approx((0.5 / 0.4) ** 2, rel=0.05)
-    shape = pixels[coloured(pixels)]
+    shape = pixels[colored(pixels)]
     assert shape[:, 0].mean() > 1.8 * shape[:, 2].mean()
 
 
-def test_colours_are_carried_for_some_points_and_spread_to_others() -> None:
+def test_colors_are_carried_for_some_points_and_spread_to_others() -> None:
     motion = MOTIONS["squashed_ball"](3)
     points = extract_surface(partial(motion, t=0.7), motion.bounds, 100).vertices
     assert len(points) > 7000
-    assert (carried(motion, points, 0.7) - carried_colours(motion, points, 0.7)).abs().max() < 0.02
+    assert (carried(motion, points, 0.7) - carried_colors(motion, points, 0.7)).abs().max() < 0.02
 
 
 def test_filled_pixels_are_the_area_of_a_flat_shape(tmp_path: Path) -> None:
     motion, size = MOTIONS["rotating_box"](2), 200
-    look = Look(resolution=200, colours=red)
+    look = Look(resolution=200, colors=red)
     render_strip(tmp_path / "strip.png", {"turning": motion}, [0.4], size=size, look=look)
     pixels = picture(tmp_path / "strip.png")
     # the outline lies half outside: 1.6 points at 400 pixels, of which 72 are 200 pixels
     rim = 4 * (0.55 + 0.3) * (size / 2) * (1.6 * size / 400 * 200 / 72) / 2
-    area = (coloured(pixels).sum() - rim) * (2 / size) ** 2
+    area = (colored(pixels).sum() - rim) * (2 / size) ** 2
     assert area == pytest.approx(motion.volume(0.4), rel=0.03)
 
 
@@ -233,7 +233,7 @@ def test_a_shape_that_vanishes_leaves_white_paper(tmp_path: Path) -> None:
     render_strip(tmp_path / "2.png", Gone(Ball(2)), [0.0, 1.0], size=60, look=COARSE)
     render_strip(tmp_path / "3.png", Gone(Ball(3)), [0.0, 1.0], size=60, look=COARSE)
     pixels = picture(tmp_path / "3.png")[:40]
-    assert coloured(pixels[:, :60]).any()
+    assert colored(pixels[:, :60]).any()
     assert (pixels[:, 60:] == 255).all()
 
 
@@ -306,7 +306,7 @@ def test_a_film_has_its_frames_size_and_rate(tmp_path: Path) -> None:
     assert told == [(number, count) for number in range(1, count + 1)]
     assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
     # the camera stands still, so the ball crosses the picture at a constant speed; forth and back look the same
-    shapes = coloured(frames)[:, :77]
+    shapes = colored(frames)[:, :77]
     places = np.array([middle(shape)[1] for shape in shapes])
     assert np.abs(np.diff(places[:2])).max() < 0.3
     steps = np.diff(places[2:8])
@@ -314,7 +314,7 @@ def test_a_film_has_its_frames_size_and_rate(tmp_path: Path) -> None:
     assert np.ptp(steps) < 1
     assert places == pytest.approx(places[::-1], abs=0.5)
     # the dot on the curve goes with it
-    dots = [middle(coloured(frame[77:, 20:108]))[1] for frame in frames[2:8]]
+    dots = [middle(colored(frame[77:, 20:108]))[1] for frame in frames[2:8]]
     assert all(a < b for a, b in pairwise(dots))
 
 
@@ -325,7 +325,7 @@ def test_a_film_of_several_flat_morphs_as_gif(tmp_path: Path) -> None:
         assert (film.n_frames, film.size, film.info["loop"]) == (3, (128, 96), 0)
         assert film.info["duration"] == 100
         last = np.asarray((film.seek(2), film.convert("RGB"))[1]).astype(int)
-    left, right = (coloured(last[:77, part]).sum() for part in (slice(0, 64), slice(64, 128)))
+    left, right = (colored(last[:77, part]).sum() for part in (slice(0, 64), slice(64, 128)))
     assert right > 1.3 * left
 
 
@@ -335,7 +335,7 @@ def test_a_turntable_turns_once_and_can_be_looped(tmp_path: Path) -> None:
     render_turntable(tmp_path / "turn.mp4", motion, 0.5, seconds=0.8, fps=10, size=(128, 96), look=look)
     frames = iio.imread(tmp_path / "turn.mp4").astype(int)
     assert frames.shape == (8, 96, 128, 3)
-    widths = [np.ptp(np.nonzero(coloured(frame)[:88])[1]) for frame in frames]
+    widths = [np.ptp(np.nonzero(colored(frame)[:88])[1]) for frame in frames]
     # a box looks alike from both sides, is wide in front and narrow after a quarter
     assert widths[:4] == pytest.approx(widths[4:], abs=2)
     assert widths[2] < 0.4 * widths[0]
@@ -412,8 +412,8 @@ def test_a_turntable_by_command(run: Path) -> None:
     [
         (["kind=sculpture"], "Could not find 'kind/sculpture'"),
         (["kind=strip", "fps=3"], "Could not override 'fps'"),
-        (["colour=gold"], "colour=gold is not known: give one of clay, position, carried"),
-        (["colour=carried"], "velocity"),
+        (["color=gold"], "color=gold is not known: give one of clay, position, carried"),
+        (["color=carried"], "velocity"),
         (["times=[0,2]"], "times=[0, 2] names no times"),
         (["times=none"], "times=none names no times"),
         (["size=3"], "size=3 cannot be"),

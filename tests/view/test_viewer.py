@@ -25,7 +25,7 @@ from nsm.geometry.meshing import extract_surface
 from nsm.geometry.topology import enclosed_volume
 from nsm.io.loading import Subject
 from nsm.morphs.growth import Grown, VolumeLinear
-from nsm.plots.colors import carried_colours
+from nsm.plots.colors import carried_colors
 from nsm.types import SimplexMesh
 from nsm.view import __main__ as view
 from nsm.view.flat import filled, ribbon
@@ -85,9 +85,9 @@ def read_glb(content: bytes) -> tuple[dict, bytes]:
 @pytest.mark.parametrize("count", [5, 70_000])
 def test_glb_reads_back_as_it_was_written(count: int) -> None:
     rng = np.random.default_rng(0)
-    vertices, normals, colours = rng.normal(size=(count, 3)), rng.normal(size=(count, 3)), rng.random((count, 3))
+    vertices, normals, colors = rng.normal(size=(count, 3)), rng.normal(size=(count, 3)), rng.random((count, 3))
     faces = rng.integers(count, size=(7, 3))
-    document, body = read_glb(glb(vertices, normals, faces, colours))
+    document, body = read_glb(glb(vertices, normals, faces, colors))
     kinds = {5126: np.float32, 5123: np.uint16, 5125: np.uint32}
     widths = {"VEC3": 3, "VEC4": 4, "SCALAR": 1}
 
@@ -102,7 +102,7 @@ def test_glb_reads_back_as_it_was_written(count: int) -> None:
     np.testing.assert_array_equal(array(primitive["indices"]).reshape(-1, 3), faces)
     linear = array(primitive["attributes"]["COLOR_0"])[:, :3] / 65535
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    np.testing.assert_allclose(srgb, colours, atol=1e-3)
+    np.testing.assert_allclose(srgb, colors, atol=1e-3)
     np.testing.assert_allclose(array(primitive["attributes"]["NORMAL"]), normals, rtol=1e-6)
 
 
@@ -174,9 +174,9 @@ def test_a_changing_volume_is_what_is_wanted() -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("colour", ["clay", "level_set", "eikonal", "carried"])
-def test_every_colour_is_given_to_every_vertex(dim: int, colour: str) -> None:
-    photographer, settings = Photographer(translating_ball(dim, torch.float32)), Settings(12, colour=colour)
+@pytest.mark.parametrize("color", ["clay", "level_set", "eikonal", "carried"])
+def test_every_color_is_given_to_every_vertex(dim: int, color: str) -> None:
+    photographer, settings = Photographer(translating_ball(dim, torch.float32)), Settings(12, color=color)
     content = photographer.picture(photographer.surface(0.5, settings), 0.5, settings).glb
     assert content is not None
     document, _ = read_glb(content)
@@ -192,12 +192,12 @@ def test_a_time_without_a_surface_has_no_triangles() -> None:
     assert (surface.volume, surface.components) == (0.0, 0)
 
 
-def test_colours_that_cannot_be_are_refused() -> None:
+def test_colors_that_cannot_be_are_refused() -> None:
     with pytest.raises(InputError, match="give one of clay"):
-        Settings(colour="red").check([shrinking(3, 0.1)])
+        Settings(color="red").check([shrinking(3, 0.1)])
     with pytest.raises(InputError, match="needs a velocity"):
-        Settings(colour="carried").check([shrinking(3, 0.1)])
-    Settings(colour="carried").check([shrinking(3, 0.1), translating_ball(3)])  # the first is then shown in clay
+        Settings(color="carried").check([shrinking(3, 0.1)])
+    Settings(color="carried").check([shrinking(3, 0.1), translating_ball(3)])  # the first is then shown in clay
 
 
 # -------------------------------------------------------------------------------------------------------------- store
@@ -267,11 +267,11 @@ def test_other_settings_go_first_and_the_latest_of_them_last() -> None:
     assert gone == {second}
 
 
-def test_another_colour_needs_no_other_surface() -> None:
+def test_another_color_needs_no_other_surface() -> None:
     store = filled_store(limit=1 << 20)
     held = store.get(Key(0, 3, COARSE))
     assert held is not None
-    assert store.surface(Key(0, 3, COARSE._replace(colour="eikonal"))) is held.surface
+    assert store.surface(Key(0, 3, COARSE._replace(color="eikonal"))) is held.surface
     assert store.surface(Key(0, 3, COARSE._replace(offset=0.1))) is None
 
 
@@ -443,8 +443,8 @@ def test_a_machine_without_a_browser_is_told_and_served(tmp_path: Path, capsys: 
     ("seconds=0", "seconds=0 cannot be: give a number above 0"),
     ("memory=0", "memory=0 cannot be"),
     ("port=70000", "port=70000 cannot be"),
-    ("colour=red", "colour=red is not known"),
-    ("colour=carried", "needs a velocity"),
+    ("color=red", "color=red is not known"),
+    ("color=carried", "needs a velocity"),
     ("record=film.mp4", "record=film.mp4 is no page"),
     ("growth=volume_linear growth.source=-1", "is positive"),
 ])  # fmt: skip
@@ -464,8 +464,8 @@ def test_broken_checkpoints_are_refused_in_a_sentence(tmp_path: Path, capsys: py
         assert "Traceback" not in told
 
 
-def test_carried_colours_of_few_points_are_near_those_of_all() -> None:
-    photographer, settings = Photographer(translating_ball(3, torch.float32)), Settings(96, colour="carried")
+def test_carried_colors_of_few_points_are_near_those_of_all() -> None:
+    photographer, settings = Photographer(translating_ball(3, torch.float32)), Settings(96, color="carried")
     surface = photographer.surface(0.5, settings)
     document, body = read_glb(photographer.picture(surface, 0.5, settings).glb or b"")
     accessor = document["accessors"][document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]]
@@ -473,6 +473,6 @@ def test_carried_colours_of_few_points_are_near_those_of_all() -> None:
     linear = np.frombuffer(body, np.uint16, 4 * accessor["count"], start).reshape(-1, 4)[:, :3] / 65535
     shown = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     assert len(shown) > 4000
-    every = carried_colours(photographer.morph, surface.mesh.vertices, 0.5).numpy()
+    every = carried_colors(photographer.morph, surface.mesh.vertices, 0.5).numpy()
     assert np.abs(shown - every).max() < 0.1
     assert np.abs(shown - every).mean() < 0.01

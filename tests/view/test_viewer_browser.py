@@ -116,7 +116,7 @@ def picture(page: Page, file: Path) -> np.ndarray:
     return imageio.imread(file)[..., :3].astype(int)[: SCENE[0], : SCENE[1]]
 
 
-def coloured(image: np.ndarray) -> int:
+def colored(image: np.ndarray) -> int:
     """Pixels of a surface: blue, where floor, labels and page are grey; the page comes up slowly from white."""
     return int((image[..., 2] - image[..., 0] > 24).sum())
 
@@ -136,7 +136,7 @@ def figures(page: Page, row: str) -> list[str]:
 
 
 def test_the_slider_changes_the_surfaces_and_their_volumes(page: Page, artefacts: Path) -> None:
-    first = settled(page, artefacts / "start.png", lambda image: coloured(image) > 1000)
+    first = settled(page, artefacts / "start.png", lambda image: colored(image) > 1000)
     volumes = [float(text) for text in figures(page, "volume")]
     assert len(volumes) == 2
     assert figures(page, "deviation") == ["+0.00 %", "+0.00 %"]
@@ -145,7 +145,7 @@ def test_the_slider_changes_the_surfaces_and_their_volumes(page: Page, artefacts
     page.get_by_role("slider").first.press("End")
     page.wait_for_function("() => !document.body.innerText.includes('+0.00 %')")
     assert all(float(now) < 0.8 * then for now, then in zip(figures(page, "volume"), volumes, strict=True))
-    settled(page, artefacts / "end.png", lambda image: coloured(image) < 0.9 * coloured(first))
+    settled(page, artefacts / "end.png", lambda image: colored(image) < 0.9 * colored(first))
 
 
 def test_play_moves_time_for_everybody_who_looks(viewer: Viewer, page: Page, open_page: Callable[..., Page]) -> None:
@@ -159,11 +159,11 @@ def test_play_moves_time_for_everybody_who_looks(viewer: Viewer, page: Page, ope
     page.get_by_role("button", name="Play").wait_for()
 
 
-def test_a_flat_morph_is_filled_and_takes_colours(open_page: Callable[..., Page], artefacts: Path) -> None:
+def test_a_flat_morph_is_filled_and_takes_colors(open_page: Callable[..., Page], artefacts: Path) -> None:
     viewer = Viewer(subjects(1, dim=2), SETTINGS, TIMES)
     try:
         page = open_page(viewer.url)
-        settled(page, artefacts / "flat.png", lambda image: coloured(image) > 1000)
+        settled(page, artefacts / "flat.png", lambda image: colored(image) > 1000)
         page.get_by_label("Shows").click()
         page.get_by_role("option", name="Eikonal residual").click()
         page.get_by_text("zero for a distance").wait_for()
@@ -177,9 +177,9 @@ def test_a_recording_plays_from_the_file_alone(open_page: Callable[..., Page], a
         pass
     page = open_page((tmp_path / "morph.html").as_uri())
     seen: list[int] = []
-    settled(page, artefacts / "recording.png", lambda image: coloured(image) > 1000)
+    settled(page, artefacts / "recording.png", lambda image: colored(image) > 1000)
     for _ in range(40):
-        seen.append(coloured(picture(page, artefacts / "recording.png")))
+        seen.append(colored(picture(page, artefacts / "recording.png")))
         if min(seen) < 0.9 * max(seen):
             return
         page.wait_for_timeout(100)
