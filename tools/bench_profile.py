@@ -31,7 +31,7 @@ from lightning.pytorch.trainer.connectors.logger_connector.logger_connector impo
 
 from nsm import calculus
 from nsm.cli import entry
-from nsm.sampling import MorphSampler, MovingSurface
+from nsm.sampling import EndSurfaces, MorphSampler, MovingSurface
 from nsm.train import __main__ as train
 from nsm.train.callbacks import Progress
 from nsm.train.tasks import FieldTask
@@ -48,7 +48,10 @@ PARTS: dict[str, list[tuple[Any, str]]] = {
     USEFUL[1]: [(torch, "tensordot"), (pytorch_optimizer.SOAP, "get_orthogonal_matrix_qr")],
     "rest of the optimizer": [(pytorch_optimizer.SOAP, "step")],
     LOSSES: [(FieldTask, "training_step"), (torch.Tensor, "backward")],
-    "sampling": [(MorphSampler, "draw"), (MovingSurface, "place"), (MovingSurface, "follow")],
+    "sampling": [
+        (MorphSampler, "draw"),
+        *[(points, name) for points in (MovingSurface, EndSurfaces) for name in ("place", "follow")],
+    ],
     "logging and progress": [
         (FieldTask, "on_train_batch_end"),
         (L.LightningModule, "log"),
