@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from nsm.cli.files import whole_file
+from nsm.cli.progress import Progress
 from nsm.io.checkpoint import describe
 from nsm.io.mesh import write_mesh
 from nsm.metrics import even_times, volume_curve
@@ -50,12 +49,10 @@ def transport_run(
         folder: of the run.
     """
     begin = time.monotonic()
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("")
+    with Progress("optimal transport") as progress:
 
         def tell(stage: str) -> None:
-            bar.update(task, description=stage)
+            progress.update(detail=stage)
 
         morph = method.morph(source, target, config["seed"], tell)
         computing = time.monotonic() - begin

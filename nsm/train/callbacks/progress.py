@@ -1,4 +1,4 @@
-"""One line that tells how training goes and how long it will take."""
+"""Progress of training: step, loss, last validation, and time left."""
 
 from __future__ import annotations
 
@@ -6,15 +6,12 @@ from typing import Any
 
 import lightning as L
 from lightning.pytorch.callbacks import ProgressBar
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as RichProgress
 
+from nsm.cli import progress
 from nsm.train.tasks import FieldTask
 
-#: What the line shows of the figures, under which name, and how.
+#: Figures of validation that are shown, under which name, and how.
 _FIGURES = {
-    "train/loss": "loss {:.3g}",
     "val/error": "error {:.2g}",
     "val/volume_max": "volume ±{:.2%}",
     "val/components": "components {:.0f}",
@@ -23,63 +20,57 @@ _FIGURES = {
 
 
 class Progress(ProgressBar):
-    """A bar over all optimiser steps, with the loss, the validation figures and the time left.
+    """Shows all optimizer steps with the loss, the figures of the last validation, and the time left.
+
+    On a terminal that is a bar; otherwise a line every half minute (`nsm.cli.progress`).
 
     Args:
-        title: stands before the bar.
+        title: Text in front of the bar.
     """
 
     def __init__(self, title: str = "training") -> None:
         super().__init__()
         self.title = title
-        self._bar: RichProgress | None = None
+        self._enabled = True
+        self._shown: progress.Progress | None = None
+        self._validation = ""
 
     def disable(self) -> None:
-        """Show nothing (asked by Lightning on all processes but the first)."""
+        """Show nothing; Lightning calls this on all processes but the first."""
         self._enabled = False
 
     def enable(self) -> None:
         """Show the bar."""
         self._enabled = True
 
-    _enabled = True
-
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Begin at the step that training stands at."""
-        if not self._enabled:
-            return
-        self._bar = RichProgress(
-            TextColumn(self.title),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[figures]}"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-        )
-        self._task = self._bar.add_task("", total=trainer.max_steps, completed=trainer.global_step, figures="")
-        self._bar.start()
+        """Open the bar at the step where training begins or resumes."""
+        if self._enabled:
+            self._shown = progress.Progress(self.title, trainer.max_steps, trainer.global_step, unit="steps")
+            self._shown.open()
 
     def on_train_batch_end(  # type: ignore[override]
         self, trainer: L.Trainer, pl_module: FieldTask, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Move on."""
-        if self._bar is not None:
-            measured = {**trainer.callback_metrics, **pl_module.latest}
-            known = {name: float(v) for name in _FIGURES if (v := measured.get(name)) is not None}
-            figures = "  ".join(_FIGURES[name].format(value) for name, value in known.items())
-            self._bar.update(self._task, completed=trainer.global_step, figures=figures)
+        """Show the step and its loss."""
+        if self._shown is not None:
+            detail = f"loss {float(pl_module.latest['train/loss']):.3g}{self._validation}"
+            self._shown.update(completed=trainer.global_step, detail=detail)
+
+    def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Note the figures of this validation."""
+        measured = trainer.callback_metrics
+        known = [text.format(float(measured[name])) for name, text in _FIGURES.items() if name in measured]
+        self._validation = f", at step {trainer.global_step} " + ", ".join(known)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Finish the line."""
-        self._stop()
+        """Finish the bar."""
+        if self._shown is not None:
+            self._shown.finish()
+            self._shown = None
 
     def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
-        """Finish the line."""
-        self._stop()
-
-    def _stop(self) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
+        """Close the bar without a last line."""
+        if self._shown is not None:
+            self._shown.close()
+            self._shown = None
