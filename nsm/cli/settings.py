@@ -1,9 +1,14 @@
-"""What people type as settings of a command, read into values or refused in one sentence."""
+"""Validation of settings: each function returns a valid value, or raises an `InputError` that says what to type.
+
+Every message has the same form: "`steps` must be a positive integer, got 0. Try `steps=3900`."
+"""
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -11,97 +16,179 @@ import torch
 from nsm.cli.errors import InputError
 
 
-def whole_number(name: str, value: Any, least: int) -> int:
-    """A setting that must be a whole number of at least ``least``.
+def invalid(name: str, requirement: str, value: Any, example: Any) -> InputError:
+    """The error for a setting with an invalid value, ready to be raised.
+
+    >>> str(invalid("beta.alpha", "positive", -1, 0.1))
+    '`beta.alpha` must be positive, got -1. Try `beta.alpha=0.1`.'
+
+    Args:
+        name: Dotted name of the setting.
+        requirement: Completion of "must be".
+        value: The value received.
+        example: A valid value to type instead.
+    """
+    shown = "nothing" if value is None else f"{value}".replace("'", "")
+    return InputError(f"`{name}` must be {requirement}, got {shown}. Try `{name}={example}`.")
+
+
+def whole_number(name: str, value: Any, least: int = 1, example: int | None = None) -> int:
+    """Return an integer of at least ``least``.
+
+    Args:
+        name: Dotted name of the setting.
+        value: Value of the setting.
+        least: Smallest valid value.
+        example: Value to suggest, ``least`` by default.
 
     Raises:
-        InputError: if it is not.
+        InputError: If the value is not such an integer.
     """
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise InputError(f"{name}={value} cannot be: give a whole number of at least {least}")
+        requirement = "a positive integer" if least == 1 else f"an integer of at least {least}"
+        raise invalid(name, requirement, value, least if example is None else example)
     return value
 
 
-def number(name: str, value: Any) -> float:
-    """A setting that must be a number.
+def number(name: str, value: Any, example: float = 0.5) -> float:
+    """Return a finite number.
 
     Raises:
-        InputError: if it is not.
+        InputError: If the value is not one.
     """
     if not _is_number(value):
-        raise InputError(f"{name}={value} is no number: give one such as {name}=0.5")
+        raise invalid(name, "a finite number", value, example)
     return float(value)
 
 
-def positive(name: str, value: Any) -> float:
-    """A setting that must be a finite number above 0.
+def positive(name: str, value: Any, example: float = 1.0) -> float:
+    """Return a finite number greater than 0.
 
     Raises:
-        InputError: if it is not.
+        InputError: If the value is not one.
     """
-    if not _is_number(value) or not 0 < value < math.inf:
-        raise InputError(f"{name}={value} cannot be: give a number above 0")
+    if not _is_number(value) or value <= 0:
+        raise invalid(name, "positive and finite", value, f"{example:g}")
+    return float(value)
+
+
+def between(name: str, value: Any, low: float, high: float, example: float) -> float:
+    """Return a number strictly between ``low`` and ``high``.
+
+    Raises:
+        InputError: If the value is not one.
+    """
+    if not _is_number(value) or not low < value < high:
+        raise invalid(name, f"a number between {low:g} and {high:g}", value, f"{example:g}")
+    return float(value)
+
+
+def fraction(name: str, value: Any, example: float = 0.5) -> float:
+    """Return a number from 0 to 1, both included.
+
+    Raises:
+        InputError: If the value is not one.
+    """
+    if not _is_number(value) or not 0 <= value <= 1:
+        raise invalid(name, "a number from 0 to 1", value, f"{example:g}")
     return float(value)
 
 
 def numbers(name: str, value: Any) -> list[Any]:
-    """A setting that must be a list of numbers.
+    """Return a list of finite numbers.
 
     Raises:
-        InputError: if it is not.
+        InputError: If the value is not one.
     """
     if not isinstance(value, list) or not all(_is_number(entry) for entry in value):
-        raise InputError(f"{name}={value} is no list of numbers: give one such as {name}=[1,2]")
+        raise invalid(name, "a list of numbers", value, "[1,2]")
     return value
+
+
+def increasing(name: str, values: Sequence[float], example: str = "[0,0.5,1]") -> list[float]:
+    """Return numbers in strictly increasing order.
+
+    Raises:
+        InputError: If they are in another order, or not finite.
+    """
+    given = list(values)
+    if not all(map(_is_number, given)) or not all(a < b for a, b in pairwise(given)):
+        raise invalid(name, "a list of increasing numbers", given, example)
+    return [float(entry) for entry in given]
 
 
 def switch(name: str, value: Any) -> bool:
-    """A setting that is on or off.
+    """Return true or false.
 
     Raises:
-        InputError: if it is neither.
+        InputError: If the value is neither.
     """
     if not isinstance(value, bool):
-        raise InputError(f"{name}={value} is neither on nor off: give {name}=true or {name}=false")
+        raise invalid(name, "true or false", value, "true")
     return value
 
 
-def moment(name: str, value: Any) -> float:
-    """A setting that is a time of a morph.
+def choice(name: str, value: Any, known: Iterable[str]) -> str:
+    """Return one of some names.
+
+    >>> choice("color", "cley", ["clay", "position"])
+    Traceback (most recent call last):
+    nsm.cli.errors.InputError: `color` must be one of clay, position, got cley. Try `color=clay`.
 
     Raises:
-        InputError: if it is no number from 0 to 1.
+        InputError: If the value is none of them; the message suggests the nearest one.
     """
-    if not _is_number(value) or not 0 <= value <= 1:
-        raise InputError(f"{name}={value} is no time of a morph: give a number from 0 to 1, such as {name}=0.5")
-    return float(value)
+    names = list(known)
+    if value not in names:
+        raise invalid(name, f"one of {', '.join(names)}", value, nearest(str(value), names) or names[0])
+    return str(value)
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The name most similar to another, or None if no name is similar.
+
+    >>> nearest("stepps", ["seed", "steps"])
+    'steps'
+    """
+    names = {known_name.lower(): known_name for known_name in known}
+    found = difflib.get_close_matches(name.lower(), names, n=1)
+    return names[found[0]] if found else None
+
+
+def moment(name: str, value: Any) -> float:
+    """Return a time of a morph, a number from 0 to 1.
+
+    Raises:
+        InputError: If the value is not one.
+    """
+    return fraction(name, value)
 
 
 def moments(name: str, value: Any) -> list[float]:
-    """A setting that is a list of times of a morph, or how many there are, evenly from 0 to 1.
+    """Return times of a morph, given as a list or as a number of times, evenly spaced from 0 to 1.
 
     Raises:
-        InputError: if it is neither.
+        InputError: If the value is neither.
     """
     if isinstance(value, int) and not isinstance(value, bool) and value >= 1:
         return torch.linspace(0, 1, value, dtype=torch.double).tolist()
     if isinstance(value, list) and value and all(_is_number(entry) and 0 <= entry <= 1 for entry in value):
         return [float(entry) for entry in value]
     raise InputError(
-        f"{name}={value} names no times: give how many, such as {name}=24, or a list of numbers from 0 to 1 such as "
-        f"{name}=[0,0.5,1]"
+        f"`{name}` must be a number of times or a list of times from 0 to 1, got {value}. "
+        f"Try `{name}=24` or `{name}=[0,0.5,1]`."
     )
 
 
 def use_threads(config: Mapping[str, Any]) -> None:
-    """Let torch use ``threads`` threads of the processor; as many as it likes where that is None.
+    """Limit torch to the ``threads`` of a configuration; None leaves the number to torch.
 
     Raises:
-        InputError: if it is no whole number of at least 1.
+        InputError: If ``threads`` is not a positive integer.
     """
     if config["threads"] is not None:
-        torch.set_num_threads(whole_number("threads", config["threads"], 1))
+        torch.set_num_threads(whole_number("threads", config["threads"]))
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -17,10 +17,9 @@ from lightning.pytorch.loggers import Logger, WandbLogger
 from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
-from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
 from nsm.cli.runtime import keep_freed_memory
-from nsm.cli.settings import use_threads
+from nsm.cli.settings import choice, use_threads, whole_number
 from nsm.io.checkpoint import build, describe
 from nsm.sampling import Fractions, MorphSampler
 from nsm.train.callbacks import Checkpoints, ExitOnSignal, Progress, StopOnSignal
@@ -101,12 +100,9 @@ def _finish(loggers: list[Logger]) -> None:
 
 def _require_sensible(cfg: DictConfig, kinds: tuple[str, ...]) -> None:
     """Raise an `InputError` for what would fail late or never end."""
-    if cfg.task.kind not in kinds:
-        raise InputError(f"task.kind={cfg.task.kind} is no task: give task={' or task='.join(kinds)}")
+    choice("task.kind", cfg.task.kind, kinds)
     for name in ("steps", "validations", "sampler.size", "sampler.pool", "sdf.steps", "sdf.size", "sdf.pool"):
-        count = OmegaConf.select(cfg, name)
-        if not isinstance(count, int) or count < 1:
-            raise InputError(f"{name}={count} is no number of things to do: give a whole number of at least 1")
+        whole_number(name, OmegaConf.select(cfg, name))
 
 
 def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> None:

@@ -96,12 +96,12 @@ def test_a_folder_that_cannot_be_written(capsys: pytest.CaptureFixture[str], tmp
 )
 def test_a_number_of_nothing(override: str, capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     name = override.partition("=")[0]
-    assert refused(capsys, folder, *BARE, override).startswith(f"{name}=")
+    assert refused(capsys, folder, *BARE, override).startswith(f"`{name}` must be a positive integer, got ")
 
 
 def test_a_task_that_is_none(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     sentence = refused(capsys, folder, "task.kind=paint")
-    assert sentence == "task.kind=paint is no task: give task=morph or task=sdf or task=ot"
+    assert sentence == "`task.kind` must be one of morph, sdf, ot, got paint. Try `task.kind=morph`."
 
 
 @pytest.mark.parametrize(

@@ -177,9 +177,9 @@ def test_every_seed_has_a_folder_of_its_own_and_overrides_add_up() -> None:
         (["methods=[{method: free, weight: 3}]"], "an entry with weight"),
         (["steps=10"], "must not both be given, got minutes=8 and steps=10. Try minutes=null steps=10, or both null"),
         (["minutes=0"], "minutes=0 is no time"),
-        (["minutes=null", "steps=1.5"], "steps=1.5 cannot be"),
+        (["minutes=null", "steps=1.5"], "`steps` must be a positive integer, got 1.5"),
         (["seeds=[1,1]"], "not to be drawn from"),
-        (["times=1"], "times=1 cannot be"),
+        (["times=1"], "`times` must be an integer of at least 2, got 1"),
         (["ends=soft"], "`ends` must be exact or network, got soft"),
     ],
 )
