@@ -12,10 +12,9 @@ from runs import STILL, train_here
 from torch import nn
 
 import nsm
-from nsm import load_morph
 from nsm.cli.errors import InputError
 from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
-from nsm.io.checkpoint import FORMAT, build, read_checkpoint
+from nsm.io.checkpoint import FORMAT, build, load_morph, read_checkpoint
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball
 

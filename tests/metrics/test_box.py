@@ -8,9 +8,9 @@ import pytest
 import torch
 from analytic import run_here, save, shrinking
 
-from nsm import load_morph
 from nsm.export import __main__ as export
 from nsm.export.networks import description
+from nsm.io.checkpoint import load_morph
 from nsm.metrics import Protocol, evaluate_morph, volume_curve
 from nsm.morphs.growth import Grown, VolumeLinear
 from nsm.render import __main__ as render

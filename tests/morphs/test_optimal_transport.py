@@ -14,12 +14,12 @@ from analytic import run_here, sentence
 from runs import files, train_here
 from torch import Tensor
 
-from nsm import load_morph
 from nsm.cli.errors import InputError
 from nsm.evaluate import __main__ as evaluate
 from nsm.geometry.grid import Lattice
 from nsm.geometry.grid import evaluate as values_on
 from nsm.geometry.volume import volume
+from nsm.io.checkpoint import load_morph
 from nsm.metrics import even_times, volume_curve
 from nsm.metrics.endpoint import endpoint_errors
 from nsm.morphs.optimal_transport import entropic

@@ -1,55 +1,156 @@
-"""The library without configuration files: what tools/two_meshes_to_film.py shows, on small meshes."""
+"""The library: two shapes in, meshes, volumes, and files out."""
 
 from __future__ import annotations
 
-import csv
-import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import imageio.v3 as imageio
+import numpy as np
 import pytest
+import torch
 import trimesh
+from analytic import save, shrinking, turning
 
-SCRIPT = Path(__file__).resolve().parents[2] / "tools" / "two_meshes_to_film.py"
-SMALL = (
-    *("--steps", "250", "--points", "1000", "--width", "32", "--layers", "2"),
-    *("--resolution", "24", "--seconds", "0.2", "--size", "160", "120"),
-)
+import nsm
+
+#: Networks, batches, and grids so small that a run takes seconds.
+TINY = {
+    "init": "source",
+    "network": {
+        "field": {"hidden_features": 16, "hidden_layers": 2, "omega": 8},
+        "velocity": {"hidden_features": 16, "hidden_layers": 2},
+    },
+    "sampler": {"size": 200, "pool": 500},
+    "sdf": {"size": 200, "pool": 500, "steps": 120, "tolerance": 10.0},
+    "task": {"volume_resolution": 16, "volume_times": 3},
+    "optimizer": {"lr": 1e-4},
+    "validations": 1,
+    "threads": 1,
+}
 
 
-def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "NSM_CACHE_DIR": str(folder / "cache"), "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, str(SCRIPT), *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+@pytest.fixture(autouse=True, scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NSM_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def ball() -> trimesh.Trimesh:
+    return trimesh.creation.icosphere(subdivisions=2)
+
+
+@pytest.fixture(scope="module")
+def box() -> trimesh.Trimesh:
+    return trimesh.creation.box((2, 1.6, 1.6))
+
+
+@pytest.fixture(scope="module")
+def trained(ball: trimesh.Trimesh, box: trimesh.Trimesh) -> nsm.TrainedMorph:
+    return nsm.morph(ball, (box.vertices, box.faces), steps=12, **TINY)
 
 
 @pytest.fixture
-def meshes(tmp_path: Path) -> tuple[str, str]:
-    trimesh.creation.icosphere(subdivisions=2).export(tmp_path / "ball.obj")
-    trimesh.creation.box((2, 1.6, 1.6)).export(tmp_path / "box.ply")
-    return "ball.obj", "box.ply"
+def loaded(tmp_path: Path) -> nsm.TrainedMorph:
+    return nsm.load_morph(save(turning(3, 0.1), tmp_path / "run" / "checkpoints" / "best.ckpt"), ends="network")
 
 
-def test_two_meshes_become_a_film(tmp_path: Path, meshes: tuple[str, str]) -> None:
-    done = run(tmp_path, *meshes, "film.mp4", *SMALL)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.splitlines()[-1] == "wrote film.mp4, film.csv, film.png, film.json"
-    frames = imageio.imread(tmp_path / "film.mp4")
-    assert frames.shape[1:] == (120, 160, 3)
-    assert frames.std() > 10
-    figures = json.loads((tmp_path / "film.json").read_text())["figures"]
-    assert 0 < figures["chamfer t=0"] < 0.05
-    assert 0 <= figures["volume std"] < 0.1
-    rows = list(csv.DictReader((tmp_path / "film.csv").read_text().splitlines()))
-    assert (float(rows[0]["time"]), float(rows[-1]["time"])) == (0, 1)
+def test_every_public_name_can_be_imported() -> None:
+    assert all(hasattr(nsm, name) for name in nsm.__all__)
+    assert set(nsm.__all__) <= set(dir(nsm))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = nsm.nothing
 
 
-def test_what_is_no_mesh_ends_in_one_sentence(tmp_path: Path, meshes: tuple[str, str]) -> None:
-    done = run(tmp_path, meshes[0], "none.obj", "film.mp4", *SMALL)
-    assert done.returncode == 1
-    assert done.stderr == "There is no file none.obj: give the path of an existing file.\n"
-    assert "Traceback" not in done.stderr
-    assert not list(tmp_path.glob("film*"))
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    code = "import nsm, sys; print([m for m in ('torch', 'lightning', 'hydra', 'trimesh') if m in sys.modules])"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[]"
+
+
+def test_the_morph_of_two_meshes_begins_at_the_first(trained: nsm.TrainedMorph, ball: trimesh.Trimesh) -> None:
+    start = trained.mesh(0.0, resolution=48, coordinates="source")
+    assert start.is_watertight
+    np.testing.assert_allclose(start.bounds, ball.bounds, atol=0.03)
+    assert start.volume == pytest.approx(ball.volume, rel=0.02)
+
+
+def test_a_saved_morph_loads_as_the_same(trained: nsm.TrainedMorph, tmp_path: Path) -> None:
+    x = torch.rand(20, 3) - 0.5
+    again = nsm.load_morph(trained.save(tmp_path / "morph.ckpt"))
+    for t in (0.0, 0.4):
+        torch.testing.assert_close(again(x, t), trained(x, t))
+        torch.testing.assert_close(again.gradient(x, t), trained.gradient(x, t))
+        torch.testing.assert_close(again.velocity(x, t), trained.velocity(x, t))
+    torch.testing.assert_close(again.source(x), trained(x, 0.0))
+
+
+def test_the_output_folder_keeps_the_run(ball: trimesh.Trimesh, tmp_path: Path) -> None:
+    kept = nsm.morph(ball, "torus", output=tmp_path, steps=2, ends="network", **TINY)
+    x = torch.rand(9, 3)
+    torch.testing.assert_close(nsm.load_morph(tmp_path, ends="network")(x, 0.5), kept(x, 0.5))
+    assert {"checkpoints", "source.ply", "summary.json"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_meshes_volumes_and_frames_agree(loaded: nsm.TrainedMorph) -> None:
+    meshes = list(loaded.frames(3, resolution=32))
+    assert len(meshes) == 3
+    for t, mesh in zip((0.0, 0.5, 1.0), meshes, strict=True):
+        assert mesh.is_watertight
+        assert mesh.volume == pytest.approx(loaded.volume(t, resolution=32), rel=0.01)
+        facing = (mesh.vertex_normals * mesh.vertices).sum(1)
+        assert (facing > 0).all()
+
+
+def test_every_suffix_has_its_writer(loaded: nsm.TrainedMorph, tmp_path: Path) -> None:
+    size = {"frames": 3, "resolution": 16, "seconds": 0.1, "size": (64, 64)}
+    assert [file.name for file in sorted(loaded.save(tmp_path / "meshes", **size).glob("*.ply"))] == [
+        f"frame_000{number}.ply" for number in range(3)
+    ]
+    assert loaded.save(tmp_path / "a.glb", **size).read_bytes()[:4] == b"glTF"
+    assert imageio.imread(loaded.save(tmp_path / "a.gif", **size), index=None).shape[1:3] == (64, 64)
+    assert imageio.imread(loaded.save(tmp_path / "a.png", **size)).std() > 10
+
+
+def test_a_morph_of_the_plane_has_a_volume_and_a_folder_of_curves(tmp_path: Path) -> None:
+    flat = nsm.load_morph(save(shrinking(2, 0.1), tmp_path / "flat.ckpt"))
+    assert flat.volume(0.0) > flat.volume(1.0) > 0
+    assert sorted(path.suffix for path in flat.save(tmp_path / "curves", frames=2, resolution=32).iterdir()) == [
+        ".json", ".obj", ".obj",
+    ]  # fmt: skip
+    with pytest.raises(nsm.InputError, match=r"^`mesh` must be called on a morph in 3D, got one in 2D\. Try `"):
+        flat.mesh(0.5)
+    with pytest.raises(nsm.InputError, match=r"^`path` must end in .*, got .*a\.glb\. Try `"):
+        flat.save(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"stepz": 3}, r"^`stepz` must be a known option of training \(.*\)\. Try `steps`\.$"),
+        ({"optimizer": {"lrr": 1}}, r"^`optimizer.lrr` must be a known setting of `optimizer` \(.*\)\. Try `lr`\.$"),
+        ({"velocity": "nulldi"}, r"^`velocity` must be one of adadiv, .*, got nulldi\.$"),
+        ({"budget": "huge"}, r"^`budget` must be one of fast, full, plane, got huge\.$"),
+        ({"ends": "loose"}, r"^`ends` must be exact or network, got loose\."),
+        ({"steps": 0}, r"steps"),
+    ],
+)
+def test_an_option_that_cannot_be_used_ends_in_one_sentence(options: dict, sentence: str) -> None:
+    with pytest.raises(nsm.InputError, match=sentence):
+        nsm.morph("cylinders", "torus", **options)
+
+
+def test_a_shape_that_cannot_be_used_ends_in_one_sentence(ball: trimesh.Trimesh) -> None:
+    with pytest.raises(nsm.InputError, match=r"none\.obj"):
+        nsm.morph(ball, "none.obj", steps=1)
+    with pytest.raises(nsm.InputError, match=r"^`target` must be vertices of shape \(v, 3\) .*got \(162, 2\)"):
+        nsm.morph(ball, (ball.vertices[:, :2], ball.faces), steps=1)
+
+
+def test_paths_with_any_characters_reach_the_training_command(ball: trimesh.Trimesh, tmp_path: Path) -> None:
+    odd = tmp_path / "it's a, [mesh]=1.ply"
+    ball.export(odd)
+    assert nsm.morph(odd, str(odd), steps=1, ends="network", **TINY).network.source.provenance()["path"] == str(odd)

@@ -18,7 +18,7 @@ import torch
 from runs import BARE, files, train_here
 from torch import Tensor
 
-from nsm import load_morph
+from nsm.io.checkpoint import load_morph
 from nsm.losses import WeightedSum
 from nsm.train.tasks import FieldTask, MorphTask, SdfTask
 

@@ -15,8 +15,7 @@ import torch
 import trimesh
 from runs import BARE, DISK, STILL, TINY, files, train_here
 
-from nsm import load_morph
-from nsm.io.checkpoint import load_shape
+from nsm.io.checkpoint import load_morph, load_shape
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Similarity
 from nsm.train import callbacks

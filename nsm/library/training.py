@@ -1,0 +1,220 @@
+"""Training from Python: the training command's own configuration and functions, behind keyword arguments."""
+
+from __future__ import annotations
+
+import os
+import signal
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from difflib import get_close_matches
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import trimesh
+from hydra import compose, initialize_config_dir
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from nsm.cli.configuration import CONF
+from nsm.cli.errors import InputError
+from nsm.io.loading import known_ends
+from nsm.io.mesh import write_mesh
+from nsm.library.trained import TrainedMorph, load_morph
+from nsm.train import __main__ as training
+from nsm.types import SimplexMesh
+
+#: A shape as `morph` takes it: a mesh, its file, its vertices (v, 3) and faces (m, 3), or a name of ``conf/shape``.
+ShapeLike = trimesh.Trimesh | str | os.PathLike[str] | tuple[Any, Any]
+
+
+def morph(
+    source: ShapeLike,
+    target: ShapeLike,
+    *,
+    budget: str = "full",
+    steps: int | None = None,
+    method: str = "adadiv",
+    seed: int = 0,
+    ends: str = "exact",
+    output: str | os.PathLike[str] | None = None,
+    **options: Any,
+) -> TrainedMorph:
+    """Train a morph between two shapes, as ``python -m nsm.train`` does.
+
+    Args:
+        source: Shape at t = 0: a `trimesh.Trimesh`, the path of a mesh, a pair of vertices (v, 3) and faces (m, 3), or
+            the name of a file in ``conf/shape``.
+        target: Shape at t = 1.
+        budget: ``full``, ``fast`` (a quarter of the steps), or another file in ``conf/budget``.
+        steps: Number of optimizer steps; None for those of the budget.
+        method: A file in ``conf/method``.
+        seed: Seed of all random numbers.
+        ends: ``exact`` or ``network``, as for `load_morph`.
+        output: Folder of the run, which keeps its checkpoints and logs; None keeps the morph in memory only.
+        options: Any other choice or setting of ``conf/train.yaml``: a choice by the name of its file
+            (``velocity="nulldiv"``), settings of a group as a dictionary (``optimizer={"lr": 5e-4}``).
+
+    Returns:
+        The morph of the best validation.
+
+    Raises:
+        InputError: If a shape cannot be read, or an option is unknown or out of range.
+
+    Example:
+        >>> import nsm, trimesh
+        >>> ball, box = trimesh.creation.icosphere(), trimesh.creation.box()
+        >>> result = nsm.morph(ball, box, budget="fast")  # doctest: +SKIP
+        >>> result.mesh(0.5).is_watertight  # doctest: +SKIP
+        True
+    """
+    ends = known_ends(ends)
+    with tempfile.TemporaryDirectory(prefix="nsm-") as temporary:
+        folder = Path(temporary if output is None else output).resolve()
+        shapes = [*_shape("source", source, folder), *_shape("target", target, folder)]
+        choices = {"callbacks": "none", "budget": budget, "method": method, **options, "seed": seed}
+        _train(folder, shapes, choices if steps is None else {**choices, "steps": steps})
+        return load_morph(folder, ends=ends)
+
+
+def _shape(side: str, shape: ShapeLike, folder: Path) -> list[str]:
+    """The overrides that choose a shape; one that is in memory is first written to the folder of the run."""
+    if isinstance(shape, str) and shape in _variants("shape"):
+        return [f"shape@{side}={shape}"]
+    if isinstance(shape, str | os.PathLike):
+        path = Path(shape).expanduser()
+        return [f"shape@{side}=mesh", f"{side}.path={_literal(str(path.resolve() if path.exists() else shape))}"]
+    vertices, faces = (shape.vertices, shape.faces) if isinstance(shape, trimesh.Trimesh) else shape
+    arrays = torch.as_tensor(np.asarray(vertices, dtype=np.float64)), torch.as_tensor(np.asarray(faces, dtype=np.int64))
+    if any(array.ndim != 2 or array.shape[1] != 3 for array in arrays):
+        raise InputError(
+            f"`{side}` must be vertices of shape (v, 3) and faces of shape (m, 3), got {tuple(arrays[0].shape)} and "
+            f"{tuple(arrays[1].shape)}. Try the path of a mesh."
+        )
+    file = folder / f"{side}.ply"
+    write_mesh(file, SimplexMesh(*arrays))
+    return [f"shape@{side}=mesh", f"{side}.path={_literal(str(file))}"]
+
+
+def _train(folder: Path, shapes: list[str], options: Mapping[str, Any]) -> None:
+    """Run the training command in a folder.
+
+    Raises:
+        InputError: If an option is unknown or cannot be used.
+        KeyboardInterrupt: If training was stopped by Ctrl-C; its last step is kept in the folder.
+    """
+    choices = [*shapes, *_choices(options)]
+    settings = _settings(_composed(choices, folder), options)
+    with _as_current_run(_composed([*choices, *settings], folder)) as cfg:
+        try:
+            training.main(cfg)
+        except SystemExit as stop:
+            if stop.code == 128 + signal.SIGINT:
+                raise KeyboardInterrupt from None
+            raise
+        except HydraException as error:
+            if isinstance(error.__cause__, InputError):
+                raise error.__cause__ from None
+            raise
+
+
+def _composed(overrides: list[str], folder: Path) -> DictConfig:
+    """The configuration of the training command, with Hydra's own part."""
+    places = [f"hydra.{place}={_literal(str(folder))}" for place in ("run.dir", "runtime.output_dir")]
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        try:
+            return compose("train", [*overrides, *places], return_hydra_config=True)
+        except (HydraException, OmegaConfBaseException) as error:
+            raise InputError(f"The options must compose, got {' '.join(str(error).split())}") from error
+
+
+@contextmanager
+def _as_current_run(cfg: DictConfig) -> Iterator[DictConfig]:
+    """Let ``${hydra:…}`` mean this configuration, and give it without Hydra's own part."""
+    current = HydraConfig.instance()
+    before = current.cfg
+    current.set_config(cfg)
+    try:
+        yield OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
+    finally:
+        current.cfg = before
+
+
+def _choices(options: Mapping[str, Any]) -> list[str]:
+    """The overrides for options that name a file of a group.
+
+    Raises:
+        InputError: If the group has no such file.
+    """
+    chosen = {name: value for name, value in options.items() if isinstance(value, str) and name in _groups()}
+    for name, value in chosen.items():
+        if value not in _variants(name):
+            raise InputError(f"`{name}` must be one of {', '.join(_variants(name))}, got {value}.")
+    return [f"{name}={value}" for name, value in chosen.items()]
+
+
+def _settings(cfg: DictConfig, options: Mapping[str, Any]) -> list[str]:
+    """The overrides for all other options.
+
+    Raises:
+        InputError: If there is no such setting.
+    """
+    found = []
+    for name, value in options.items():
+        if isinstance(value, str) and name in _groups():
+            continue
+        for key, entry in _flat(name, value):
+            _require_setting(cfg, key)
+            found.append(f"{key}={_literal(entry)}")
+    return found
+
+
+def _require_setting(cfg: DictConfig, key: str) -> None:
+    *parents, last = key.split(".")
+    node: Any = cfg
+    for part in parents:
+        node = node[part] if isinstance(node, DictConfig) and part in node else None
+    if isinstance(node, DictConfig) and last in node:
+        return
+    known = [str(name) for name in (node if isinstance(node, DictConfig) else cfg) if name != "hydra"]
+    place = f"setting of `{'.'.join(parents)}`" if parents else "option of training"
+    near = get_close_matches(last, known, 1)
+    hint = f" Try `{near[0]}`." if near else ""
+    raise InputError(f"`{key}` must be a known {place} ({', '.join(sorted(known))}).{hint}")
+
+
+def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """The entries of nested dictionaries by their dotted names."""
+    if not isinstance(value, Mapping):
+        yield name, value
+        return
+    for key, entry in value.items():
+        yield from _flat(f"{name}.{key}", entry)
+
+
+def _literal(value: Any) -> str:
+    """A value in the grammar of Hydra's overrides."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(_literal, value))}]"
+    if isinstance(value, str):
+        return "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
+    return str(value)
+
+
+@cache
+def _groups() -> set[str]:
+    """The groups of ``conf`` that ``conf/train.yaml`` chooses from."""
+    defaults = OmegaConf.to_container(OmegaConf.load(CONF / "train.yaml"))["defaults"]  # type: ignore[call-overload, index]
+    return {name for entry in defaults if isinstance(entry, dict) for name in entry if "@" not in name}
+
+
+@cache
+def _variants(group: str) -> list[str]:
+    return sorted(file.stem for file in (CONF / group).glob("*.yaml"))
