@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
+import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 #: Anything that maps points (n, d) to signed distances (n,), negative inside.
 SignedDistance = Callable[[Tensor], Tensor]
+#: One time, or one for each of n points, shape (n,).
+Times = float | Tensor
+
+#: Step of the central differences that give div V where a morph has no closed form, relative to the longest edge of its
+#: box: far above the rounding errors of single precision, and below the detail that a network resolves.
+DIVERGENCE_STEP = 1e-3
 
 
 class Jet(NamedTuple):
@@ -50,35 +58,84 @@ class DistanceSamples(NamedTuple):
     distances: Float[Tensor, " n"]
 
 
-@runtime_checkable
-class Morph(Protocol):
-    """A shape that moves from t = 0 to t = 1, known by its signed distance at every time.
+class Morph(ABC):
+    """A shape that moves from t = 0 to t = 1, known by its signed distance f(x, t) at every time.
 
-    Everything downstream (volume curves, meshes, transport, pictures) consumes this and nothing more.
+    Everything downstream (volume curves, meshes, advection, pictures) takes a `Morph` and needs nothing else. A
+    subclass implements `__call__` and `gradient`, and sets the attributes below. One with a velocity field also
+    overrides `has_velocity` and `velocity`, and `divergence` where it is known in closed form.
+
+    Attributes:
+        dim: Dimension d of space, 2 or 3.
+        bounds: Corners of a box that contains the shape at all times, lowest first, shape (2, d).
+        source: Signed distance (n,) of the shape at t = 0, posed and scaled, at points of shape (n, d).
+        target: The same for the shape at t = 1.
+        provenance: Where the two end shapes come from, as values that JSON can hold: under ``source`` and ``target``,
+            what `nsm.shapes.Shape.provenance` returns, with the factor ``scale`` by which the shape was scaled to
+            make both volumes equal; empty where nothing is known.
     """
 
     dim: int
-    #: Corners (2, d) of the box that holds the morph: lowest first.
-    bounds: Tensor
+    bounds: Float[Tensor, "2 d"]
+    source: SignedDistance
+    target: SignedDistance
+    provenance: Mapping[str, Any]
+
+    @abstractmethod
+    def __call__(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
+        """Signed distance f at points and times, negative inside.
+
+        Args:
+            x: Points, shape (n, d).
+            t: One time for all points, or one for each, shape (n,).
+
+        Returns:
+            Values of f, shape (n,).
+        """
+
+    @abstractmethod
+    def gradient(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"]:
+        """Spatial gradient ∇f at points and times, shape (n, d)."""
 
     @property
-    def source(self) -> SignedDistance:
-        """The shape at t = 0, posed and scaled: (n, d) -> (n,)."""
-        ...
+    def has_velocity(self) -> bool:
+        """Whether the morph has a velocity field that advects its surface."""
+        return False
 
-    @property
-    def target(self) -> SignedDistance:
-        """The shape at t = 1, posed and scaled: (n, d) -> (n,)."""
-        ...
+    def velocity(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"] | None:
+        """Velocity V in units of length per unit of t, shape (n, d); None for a morph without a velocity field."""
+        return None
 
-    def __call__(self, x: Tensor, t: float | Tensor) -> Tensor:
-        """Signed distance (n,) at x (n, d) and time t, one number or (n,)."""
-        ...
+    @torch.no_grad()
+    def divergence(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"] | None:
+        """Divergence of V in space per unit of t, shape (n,); None for a morph without a velocity field.
 
-    def gradient(self, x: Tensor, t: float | Tensor) -> Tensor:
-        """Spatial gradient of the signed distance (n, d)."""
-        ...
+        By default from central differences of V, with steps of `DIVERGENCE_STEP` times the longest edge of ``bounds``.
+        """
+        step = DIVERGENCE_STEP * float((self.bounds[1] - self.bounds[0]).max())
+        total = x.new_zeros(len(x))
+        for axis, shift in enumerate(step * torch.eye(self.dim, dtype=x.dtype, device=x.device)):
+            before, after = self.velocity(x - shift, t), self.velocity(x + shift, t)
+            if before is None or after is None:
+                return None
+            total += (after[:, axis] - before[:, axis]) / (2 * step)
+        return total
 
-    def velocity(self, x: Tensor, t: float | Tensor) -> Tensor | None:
-        """Velocity (n, d), or None for a method that has no velocity field."""
-        ...
+    def domain(self, t: float) -> Float[Tensor, "2 d"]:
+        """Corners of the box in which f is known at time t, lowest first, shape (2, d); by default ``bounds``.
+
+        Beyond this box f may take any value that is consistent with its neighborhood, such as an extrapolation.
+        """
+        return self.bounds
+
+    def wanted_volume(self, t: float, initial: float = 1.0) -> float:
+        """Volume that the shape should have at time t, given the volume that it has at t = 0.
+
+        Args:
+            t: Time in [0, 1].
+            initial: Volume at t = 0; with the default of 1, the result is relative to it.
+
+        Returns:
+            The wanted volume in the units of ``initial``: by default ``initial`` itself, so that volume is preserved.
+        """
+        return initial

@@ -1,22 +1,20 @@
 """Motions whose every quantity is known exactly: what all numerical claims are tested against.
 
-Each is a `nsm.types.Morph` (f, ∇f, V, the two ends) that also knows ∂f/∂t, the Jacobian and divergence of V, and the
-volume at any time. The level set equation ∂f/∂t + ⟨∇f, V⟩ = 0 holds everywhere, not only on the surface.
+Each is a `nsm.types.Morph` that also knows ∂f/∂t, the Jacobian of V, and the volume at any time. The level set
+equation ∂f/∂t + ⟨∇f, V⟩ = 0 holds everywhere, not only on the surface.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from functools import partial
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.types import Jet, SignedDistance
-
-Time = float | Tensor
+from nsm.types import Jet, Morph, Times
 
 
 class Ball:
@@ -49,8 +47,8 @@ class Box:
         return Jet(far + beyond.amax(1).clamp(max=0), direction * torch.where(x < 0, -1.0, 1.0).to(x))
 
 
-class ExactMotion(ABC):
-    """A `Morph` in [-1, 1]^d with all that can be known about it."""
+class ExactMotion(Morph):
+    """A `Morph` in [-1, 1]^d whose quantities are all known."""
 
     #: Whether ‖∇f‖ = 1 almost everywhere at all times.
     is_distance = True
@@ -58,34 +56,30 @@ class ExactMotion(ABC):
     def __init__(self, dim: int, dtype: torch.dtype = torch.float64) -> None:
         self.dim = dim
         self.bounds = torch.tensor([[-1.0] * dim, [1.0] * dim], dtype=dtype)
-        self.source: SignedDistance = partial(self.__call__, t=0.0)
-        self.target: SignedDistance = partial(self.__call__, t=1.0)
+        self.source, self.target = partial(self.__call__, t=0.0), partial(self.__call__, t=1.0)
+        self.provenance = {}
+
+    @property
+    def has_velocity(self) -> bool:
+        return True
 
     @abstractmethod
-    def __call__(self, x: Float[Tensor, "n d"], t: Time) -> Float[Tensor, " n"]:
-        """f(x, t)."""
-
-    @abstractmethod
-    def gradient(self, x: Float[Tensor, "n d"], t: Time) -> Float[Tensor, "n d"]:
-        """∇f(x, t)."""
-
-    @abstractmethod
-    def velocity(self, x: Float[Tensor, "n d"], t: Time) -> Float[Tensor, "n d"]:
+    def velocity(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"]:
         """V(x, t)."""
 
     @abstractmethod
-    def velocity_jacobian(self, x: Float[Tensor, "n d"], t: Time) -> Float[Tensor, "n d d"]:
+    def velocity_jacobian(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d d"]:
         """∂V_i/∂x_j (x, t)."""
 
     @abstractmethod
     def volume(self, t: float) -> float:
         """Volume of {f(·, t) < 0}."""
 
-    def rate(self, x: Float[Tensor, "n d"], t: Time) -> Float[Tensor, " n"]:
+    def rate(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         """∂f/∂t, by the level set equation."""
         return -(self.gradient(x, t) * self.velocity(x, t)).sum(1)
 
-    def divergence(self, x: Float[Tensor, "n d"], t: Time) -> Float[Tensor, " n"]:
+    def divergence(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         """div V."""
         return self.velocity_jacobian(x, t).diagonal(dim1=1, dim2=2).sum(1)
 
@@ -113,28 +107,28 @@ class LinearMotion(ExactMotion):
         self.start = torch.tensor(start or zero, dtype=dtype)
         self.is_distance = bool((self.matrix == -self.matrix.T).all())
 
-    def _time(self, x: Tensor, t: Time) -> Tensor:
+    def _time(self, x: Tensor, t: Times) -> Tensor:
         return torch.as_tensor(t, dtype=x.dtype).expand(len(x))[:, None]
 
-    def _centred(self, x: Tensor, t: Time) -> Tensor:
+    def _centered(self, x: Tensor, t: Times) -> Tensor:
         return x - self.start - self._time(x, t) * self.drift
 
-    def _back(self, x: Tensor, t: Time) -> tuple[Tensor, Tensor]:
+    def _back(self, x: Tensor, t: Times) -> tuple[Tensor, Tensor]:
         """Where the points were at t = 0, and the Jacobian of that."""
         inverse = torch.matrix_exp(-self._time(x, t)[:, :, None] * self.matrix)
-        return (inverse @ self._centred(x, t)[:, :, None])[:, :, 0], inverse
+        return (inverse @ self._centered(x, t)[:, :, None])[:, :, 0], inverse
 
-    def __call__(self, x: Tensor, t: Time) -> Tensor:
+    def __call__(self, x: Tensor, t: Times) -> Tensor:
         return self.shape.jet(self._back(x, t)[0]).value
 
-    def gradient(self, x: Tensor, t: Time) -> Tensor:
+    def gradient(self, x: Tensor, t: Times) -> Tensor:
         origin, inverse = self._back(x, t)
         return (inverse.mT @ self.shape.jet(origin).gradient[:, :, None])[:, :, 0]
 
-    def velocity(self, x: Tensor, t: Time) -> Tensor:
-        return self._centred(x, t) @ self.matrix.T + self.drift
+    def velocity(self, x: Tensor, t: Times) -> Tensor:
+        return self._centered(x, t) @ self.matrix.T + self.drift
 
-    def velocity_jacobian(self, x: Tensor, t: Time) -> Tensor:
+    def velocity_jacobian(self, x: Tensor, t: Times) -> Tensor:
         return self.matrix.expand(len(x), -1, -1)
 
     def volume(self, t: float) -> float:
@@ -148,16 +142,16 @@ class GrowingBall(ExactMotion):
         super().__init__(dim, dtype)
         self.radius, self.growth = radius, growth
 
-    def __call__(self, x: Tensor, t: Time) -> Tensor:
+    def __call__(self, x: Tensor, t: Times) -> Tensor:
         return x.norm(dim=1) - self.radius - self.growth * t
 
-    def gradient(self, x: Tensor, t: Time) -> Tensor:
+    def gradient(self, x: Tensor, t: Times) -> Tensor:
         return x / x.norm(dim=1, keepdim=True)
 
-    def velocity(self, x: Tensor, t: Time) -> Tensor:
+    def velocity(self, x: Tensor, t: Times) -> Tensor:
         return self.growth * self.gradient(x, t)
 
-    def velocity_jacobian(self, x: Tensor, t: Time) -> Tensor:
+    def velocity_jacobian(self, x: Tensor, t: Times) -> Tensor:
         norm, normal = x.norm(dim=1)[:, None, None], self.gradient(x, t)
         return self.growth / norm * (torch.eye(self.dim, dtype=x.dtype) - normal[:, :, None] * normal[:, None, :])
 

@@ -16,11 +16,8 @@ from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
 from nsm.compare.plan import OFFICIAL, Choice, Job, Study, official_pair
 from nsm.compare.record import DONE, FAILED, read_record
-from nsm.io.checkpoint import load_morph
-from nsm.io.loading import with_ends
-from nsm.io.official import load_official
+from nsm.io.loading import PUBLISHED, LoadedMorph, load_published, load_run
 from nsm.metrics import MEANINGS, Protocol, evaluate_morph
-from nsm.morphs.exact_ends import ExactEnds
 from nsm.types import Morph
 
 #: Rows at the end of a log of which the mean is taken, since one batch alone is noisy.
@@ -67,14 +64,10 @@ class Result:
         """The morph itself, loaded anew."""
         if self.checkpoint is None:
             raise ValueError(f"{self.method} made no morph of {self.pair}")
-        official = self.checkpoint.removeprefix(_PUBLISHED)
+        official = self.checkpoint.removeprefix(PUBLISHED)
         if official != self.checkpoint:
-            return load_official(official)
-        return with_ends(load_morph(self.checkpoint), self.ends, f"{self.pair}/{self.method}")
-
-
-#: What the checkpoint of an official morph begins with.
-_PUBLISHED = "official/morphs/"
+            return load_published(official).morph
+        return load_run(f"{self.pair}/{self.method}", Path(self.checkpoint), self.ends).morph
 
 
 def result_of_run(study: Study, job: Job, tell: Tell) -> Result:
@@ -94,7 +87,7 @@ def result_of_run(study: Study, job: Job, tell: Tell) -> Result:
             bare,
             job.folder,
             key,
-            lambda: with_ends(load_morph(file), study.ends, job.name),
+            lambda: load_run(job.name, file, study.ends),
             study.protocol,
             tell,
             str(file),
@@ -111,9 +104,9 @@ def result_of_official(study: Study, pair: Choice, tell: Tell) -> Result:
         return replace(bare, reason="the authors published no morph of this pair")
     folder = study.folder / "runs" / pair.name / OFFICIAL
     try:
-        published = f"{_PUBLISHED}{name}"
+        published = f"{PUBLISHED}{name}"
         key = {"checkpoint": published}
-        return _evaluated(bare, folder, key, lambda: load_official(name), study.protocol, tell, published)
+        return _evaluated(bare, folder, key, lambda: load_published(name), study.protocol, tell, published)
     except (InputError, OSError, ValueError, RuntimeError) as error:
         return replace(bare, reason=str(error))
 
@@ -122,7 +115,7 @@ def _evaluated(
     bare: Result,
     folder: Path,
     key: dict[str, Any],
-    load: Callable[[], Morph],
+    load: Callable[[], LoadedMorph],
     protocol: Protocol,
     tell: Tell,
     checkpoint: str,
@@ -134,14 +127,15 @@ def _evaluated(
     file = folder / "evaluation.json"
     kept = json.loads(file.read_text()) if file.is_file() else {}
     if kept.get("key") != key:
-        morph = load()
+        loaded = load()
         name = f"{bare.pair}/{bare.method}"
-        result = evaluate_morph(morph, protocol, lambda stage: tell(f"{name}: {stage}"))
+        result = evaluate_morph(loaded.morph, protocol, lambda stage: tell(f"{name}: {stage}"))
         network: dict[str, float | None] = {}
-        if isinstance(morph, ExactEnds):
-            result = result._replace(flow=morph.flow_error())
-            bare_morph = evaluate_morph(morph.morph, protocol, lambda stage: tell(f"{name} (network): {stage}"))
-            network = bare_morph.to_dict()["figures"]
+        if loaded.exact is not None:
+            result = result._replace(flow=loaded.exact.flow_error())
+        if loaded.network is not None:
+            without = evaluate_morph(loaded.network, protocol, lambda stage: tell(f"{name} (network): {stage}"))
+            network = without.to_dict()["figures"]
         kept = {"key": key, **result.to_dict(), "network_figures": network}
         with whole_file(file) as temporary:
             temporary.write_text(json.dumps(kept, indent=2) + "\n")

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from nsm.cli import entry
 from nsm.cli.settings import moments, number, positive, use_threads, whole_number
 from nsm.evaluate.writers import write_evaluations
-from nsm.io.loading import Subject, load_subjects, output_folder
+from nsm.io.loading import LoadedMorph, load_morphs, output_folder
 from nsm.metrics import STAGES, Evaluation, Protocol, evaluate_morph, table
 from nsm.plots.slices import Plane, plot_residual_slices, require_slices
 from nsm.plots.strip import try_strip
@@ -35,7 +35,7 @@ def main(cfg: DictConfig) -> None:
     times = moments("slices.times", config["slices"]["times"])
     plane = Plane(str(config["slices"]["axis"]), number("slices.offset", config["slices"]["offset"]))
     use_threads(config)
-    named = load_subjects(config, "nsm.evaluate")
+    named = load_morphs(config, "nsm.evaluate")
     subjects = [column for subject in named for column in _columns(subject)]
     by_dim = {
         dim: {s.name: s.morph for s in subjects if s.morph.dim == dim}
@@ -82,7 +82,7 @@ def _progress() -> Progress:
     return Progress(*columns, console=Console(stderr=True))
 
 
-def _columns(subject: Subject) -> list[Subject]:
+def _columns(subject: LoadedMorph) -> list[LoadedMorph]:
     """A morph, and after one with exact ends that of its networks alone."""
     if subject.network is None:
         return [subject]
@@ -92,7 +92,7 @@ def _columns(subject: Subject) -> list[Subject]:
     ]
 
 
-def _measure(subjects: list[Subject], protocol: Protocol, bar: Progress) -> dict[str, Evaluation]:
+def _measure(subjects: list[LoadedMorph], protocol: Protocol, bar: Progress) -> dict[str, Evaluation]:
     results = {}
     for subject in subjects:
         task = bar.add_task("", total=STAGES)

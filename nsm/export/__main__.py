@@ -19,7 +19,7 @@ from nsm.export.networks import write_onnx, write_pt2, write_safetensors
 from nsm.export.program import Program
 from nsm.export.sequence import Meshes
 from nsm.io import gltf
-from nsm.io.loading import Subject, load_subjects, output_folder
+from nsm.io.loading import LoadedMorph, load_morphs, output_folder
 from nsm.shapes.download import file_sha256
 
 log = logging.getLogger(__name__)
@@ -43,7 +43,7 @@ def main(cfg: DictConfig) -> None:
     times, resolution = moments("times", config["times"]), whole_number("resolution", config["resolution"], 2)
     use_threads(config)
     _require_known(config["format"])
-    subject = _one(load_subjects(config, "nsm.export"))
+    subject = _one(load_morphs(config, "nsm.export"))
     chosen = _format(config["format"], subject.morph.dim)
     morph = subject.morph
     if isinstance(chosen, Program) and subject.network is not None:
@@ -80,7 +80,7 @@ def _format(name: str | None, dim: int) -> Format:
     return fitting[name or next(iter(fitting))]
 
 
-def _one(subjects: list[Subject]) -> Subject:
+def _one(subjects: list[LoadedMorph]) -> LoadedMorph:
     if len(subjects) > 1:
         raise InputError(
             f"{len(subjects)} morphs are named, but one is exported at a time: repeat the command for each"
@@ -88,7 +88,7 @@ def _one(subjects: list[Subject]) -> Subject:
     return subjects[0]
 
 
-def _content(subject: Subject) -> str:
+def _content(subject: LoadedMorph) -> str:
     """What a morph is: the hash of its checkpoint, or the name of a published one, whose files are checked."""
     file = Path(subject.origin)
     return file_sha256(file) if file.is_file() else subject.origin

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor
@@ -23,7 +23,7 @@ from nsm.morphs.advected import (
 )
 from nsm.morphs.surfaces import ExactVolume, Frame, extract_frame, zero_level
 from nsm.plots.colors import position_colors
-from nsm.shapes import Similarity
+from nsm.shapes import FieldShape, Similarity
 from nsm.shapes.textured import Attributes, load_textured
 from nsm.types import Morph, SimplexMesh
 
@@ -146,4 +146,7 @@ class Pair(NamedTuple):
 
 def coordinates(morph: Morph, frame: str) -> Similarity:
     """What takes points of the box to the coordinates that a request names."""
-    return Similarity.identity(morph.dim) if frame == "morph" else getattr(morph, frame).similarity.inverse()
+    if frame == "morph":
+        return Similarity.identity(morph.dim)
+    end = {"source": morph.source, "target": morph.target}[frame]
+    return cast(FieldShape, end).similarity.inverse()

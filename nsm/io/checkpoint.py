@@ -59,7 +59,11 @@ def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu")
         InputError: if there is no such file, or it is cut, of another format, or not a checkpoint of a morph.
     """
     file = find_checkpoint(path)
-    morph = _load(file, "morph.", Morph, "a still shape, not a morph: give the checkpoint of a run with task=morph")
+    content = read_checkpoint(file)
+    morph = _load(
+        content, file, "morph.", Morph, "a still shape, not a morph: give the checkpoint of a run with task=morph"
+    )
+    morph.provenance = content["nsm"].get("provenance", {})
     return morph.to(device).eval().requires_grad_(False)
 
 
@@ -74,13 +78,18 @@ def load_shape(path: str | os.PathLike[str], pose: Pose = None) -> SirenShape:
         InputError: as `load_morph` does.
     """
     file = find_checkpoint(path)
-    shape = _load(file, "", SirenShape, "a morph, not a single shape: give the checkpoint of a run with task=sdf")
+    shape = _load(
+        read_checkpoint(file),
+        file,
+        "",
+        SirenShape,
+        "a morph, not a single shape: give the checkpoint of a run with task=sdf",
+    )
     return shape.transformed(Similarity.read(pose, shape.dim))
 
 
-def _load(file: Path, prefix: str, kind: type, other: str) -> Any:
+def _load(content: Mapping[str, Any], file: Path, prefix: str, kind: type, other: str) -> Any:
     """Build the model that a checkpoint describes, and give it the weights stored under ``prefix``."""
-    content = read_checkpoint(file)
     try:
         model = build(content["nsm"]["model"])
         fitting = isinstance(model, kind)

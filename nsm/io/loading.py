@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from nsm.cli.errors import InputError
-from nsm.io.checkpoint import find_checkpoint, load_morph, read_checkpoint
+from nsm.io.checkpoint import find_checkpoint, load_morph
 from nsm.io.official import load_official, official_name
-from nsm.morphs.advected import has_velocity
 from nsm.morphs.exact_ends import ExactEnds
 from nsm.morphs.growth import Grown, build_growth
 from nsm.types import Morph
@@ -20,13 +19,13 @@ log = logging.getLogger(__name__)
 
 #: What ``checkpoint`` and ``official`` may be: nothing, one, or a list.
 Names = str | Sequence[str] | None
-
-
+#: Beginning of the origin of an official morph, before its name.
+PUBLISHED = "official/morphs/"
 #: What ``ends`` may be.
 ENDS = ("exact", "network")
 
 
-class Subject(NamedTuple):
+class LoadedMorph(NamedTuple):
     """A morph, with what people call it.
 
     Attributes:
@@ -46,7 +45,7 @@ class Subject(NamedTuple):
     network: Morph | None = None
 
 
-def load_subjects(config: Mapping[str, Any], command: str) -> list[Subject]:
+def load_morphs(config: Mapping[str, Any], command: str) -> list[LoadedMorph]:
     """Load all morphs that are named, each once, checkpoints first.
 
     Args:
@@ -68,12 +67,8 @@ def load_subjects(config: Mapping[str, Any], command: str) -> list[Subject]:
             "official=kitten_fandisk for one of the authors'"
         )
     growth, ends = config["growth"], known_ends(config["ends"])
-    ours = [_subject(name, file, growth, ends) for name, file in zip(_short_names(files), files, strict=True)]
-    theirs = [  # which were not scaled
-        Subject(f"{name} (official)", f"official/morphs/{name}", _grown(load_official(name), growth, (1.0, 1.0)), None)
-        for name in pairs
-    ]
-    return ours + theirs
+    ours = [load_run(name, file, ends, growth) for name, file in zip(_short_names(files), files, strict=True)]
+    return ours + [load_published(name, growth) for name in pairs]
 
 
 def known_ends(ends: Any) -> str:
@@ -87,41 +82,41 @@ def known_ends(ends: Any) -> str:
     return str(ends)
 
 
-def with_ends(morph: Morph, ends: str, name: str) -> Morph:
-    """A morph of networks with the ends that were asked for.
+def load_run(name: str, file: Path, ends: str, growth: Mapping[str, Any] | None = None) -> LoadedMorph:
+    """Load the morph of a checkpoint.
 
-    Without a velocity, detail cannot be carried: the morph is given back as it is, and a line in the log says so.
+    Args:
+        name: Name of the morph in tables and pictures.
+        file: Checkpoint.
+        ends: ``exact`` for the end shapes themselves at t = 0 and 1, ``network`` for what the networks learned of them.
+            A morph without a velocity cannot advect detail, so its ends are those of the network, which a line in the
+            log says.
+        growth: How the volume changes, see `load_morphs`.
     """
-    if ends == "network":
-        return morph
-    if has_velocity(morph):
-        return ExactEnds(morph)
-    log.info("%s has no velocity to carry detail along: its ends are those of the network, as with ends=network", name)
-    return morph
+    network = load_morph(file)
+    exact = None
+    if ends == "exact" and network.has_velocity:
+        exact = ExactEnds(network)
+    elif ends == "exact":
+        log.info("%s has no velocity to advect detail, so its ends are those of the network (`ends=network`)", name)
+    bare, folder = _grown(network, growth), run_folder(file)
+    if exact is None:
+        return LoadedMorph(name, str(file), bare, folder)
+    return LoadedMorph(name, str(file), _grown(exact, growth), folder, exact, bare)
 
 
-def _subject(name: str, file: Path, growth: Mapping[str, Any] | None, ends: str) -> Subject:
-    """The morph of a checkpoint."""
-    network, scales = load_morph(file), _scales(file)
-    morph = with_ends(network, ends, name)
-    bare = _grown(network, growth, scales)
-    if not isinstance(morph, ExactEnds):
-        return Subject(name, str(file), bare, run_folder(file))
-    return Subject(name, str(file), _grown(morph, growth, scales), run_folder(file), morph, bare)
+def load_published(name: str, growth: Mapping[str, Any] | None = None) -> LoadedMorph:
+    """Load one of the authors' morphs, whose ends are those of its networks."""
+    morph = _grown(load_official(name), growth)
+    return LoadedMorph(f"{name} (official)", f"{PUBLISHED}{name}", morph, None)
 
 
-def _grown(morph: Morph, config: Mapping[str, Any] | None, scales: tuple[float, float]) -> Morph:
+def _grown(morph: Morph, config: Mapping[str, Any] | None) -> Morph:
     """The morph with the growth of a configuration; itself without one."""
-    source, target = (scale**-morph.dim for scale in scales)
+    scales = [float(morph.provenance.get(end, {}).get("scale", 1.0)) for end in ("source", "target")]
+    source, target = (scale**-morph.dim for scale in scales)  # 1 for a shape that was not scaled
     growth = build_growth(config, morph.dim, (source, target))
     return morph if growth is None else Grown(morph, growth)
-
-
-def _scales(file: Path) -> tuple[float, float]:
-    """By how much a run scaled its two shapes to make their volumes equal; 1 where its checkpoint does not say."""
-    provenance = read_checkpoint(file)["nsm"].get("provenance", {})
-    source, target = (float(provenance.get(end, {}).get("scale", 1.0)) for end in ("source", "target"))
-    return source, target
 
 
 def run_folder(file: Path) -> Path:
@@ -129,7 +124,7 @@ def run_folder(file: Path) -> Path:
     return file.parent.parent if file.parent.name == "checkpoints" else file.parent
 
 
-def output_folder(subjects: Sequence[Subject], work: str) -> Path:
+def output_folder(subjects: Sequence[LoadedMorph], work: str) -> Path:
     """Where a command writes unless told otherwise: in the folder of a run that it looks at alone, else in ``outputs``.
 
     Args:

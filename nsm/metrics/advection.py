@@ -10,7 +10,6 @@ import torch
 from nsm.geometry.advection import VelocityField, carry
 from nsm.geometry.distance import DistanceSummary, closest_points
 from nsm.geometry.topology import enclosed_volume, subdivided
-from nsm.morphs.growth import Grown
 from nsm.types import Morph, SimplexMesh
 
 
@@ -69,7 +68,7 @@ def check_transport(
     Returns:
         The check; None for a morph without velocity, or without a surface at the first time.
     """
-    if not len(source.simplices) or morph.velocity(source.vertices[:1], times[0]) is None:
+    if not len(source.simplices) or not morph.has_velocity:
         return None
     fine = subdivided(source)
     carried = carry(cast(VelocityField, morph.velocity), fine.vertices, times)
@@ -79,7 +78,7 @@ def check_transport(
         [
             [enclosed_volume(SimplexMesh(x.double(), fine.simplices)) for x in carried],
             [enclosed_volume(SimplexMesh(x.double(), source.simplices)) for x in corners],
-            [_growth(morph, time) for time in times],
+            [morph.wanted_volume(time) / morph.wanted_volume(times[0]) for time in times],
         ],
         dtype=torch.double,
     )
@@ -91,10 +90,3 @@ def check_transport(
         for points, mesh in zip(corners, meshes, strict=True)
     ]
     return TransportCheck(tuple(times), tuple(volumes.tolist()), tuple(errors.tolist()), tuple(distances))
-
-
-def _growth(morph: Morph, time: float) -> float:
-    """Volume that is wanted at a time, relative to that at t = 0."""
-    if not isinstance(morph, Grown):
-        return 1.0
-    return morph.growth.relative_volume(time) / morph.growth.relative_volume(0.0)

@@ -17,9 +17,6 @@ SAMPLES, REGION_SAMPLES = 1 << 17, 1 << 13
 SHELL_WIDTH = 0.05
 #: Step in time of the difference that gives ∂f/∂t.
 TIME_STEP = 1e-3
-#: Step of the differences that give div V where a morph does not know it, a share of the longest edge of the box: far
-#: above the rounding of single precision, below what a network resolves.
-SPACE_STEP = 1e-3
 
 
 class RegionResiduals(NamedTuple):
@@ -89,22 +86,9 @@ def eikonal_residual(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Floa
 
 
 def divergence(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"] | None:
-    """div V (n,) per unit of time: as the morph itself gives it, else by central differences of V; None without V."""
-    exact = getattr(morph, "divergence", None)
-    if exact is not None:
-        value = exact(x, time)
-        if value is not None:
-            return value.detach()
-    if morph.velocity(x[:1], time) is None:
-        return None
-    step = SPACE_STEP * float((morph.bounds[1] - morph.bounds[0]).max())
-    total = x.new_zeros(len(x))
-    with torch.no_grad():
-        for axis, shift in enumerate(step * torch.eye(morph.dim, dtype=x.dtype, device=x.device)):
-            before, after = morph.velocity(x - shift, time), morph.velocity(x + shift, time)
-            if before is not None and after is not None:
-                total += (after[:, axis] - before[:, axis]) / (2 * step)
-    return total
+    """div V (n,) per unit of time, detached; None without V."""
+    value = morph.divergence(x, time)
+    return None if value is None else value.detach()
 
 
 def mean_size(values: Float[Tensor, " n"] | None) -> float:

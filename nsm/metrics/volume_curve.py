@@ -10,7 +10,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.geometry.volume import volume, volume_with_error
-from nsm.morphs.growth import Grown
 from nsm.types import Morph, SignedDistance
 
 #: Volume beyond a box is looked for in one so many times as large, on cells so many times as large.
@@ -90,7 +89,5 @@ def volume_curve(morph: Morph, times: Float[Tensor, " k"] | None = None, resolut
     times = even_times() if times is None else torch.as_tensor(times, dtype=torch.double)
     measured = [volume_with_error(partial(morph, t=t), morph.bounds, resolution) for t in times.tolist()]
     volumes, errors = torch.tensor(measured, dtype=torch.double).unbind(1)
-    growth = None
-    if isinstance(morph, Grown):
-        growth = morph.growth.relative_volume(times) / morph.growth.relative_volume(float(times[0]))
-    return VolumeCurve(times, volumes, errors, growth)
+    wanted = torch.tensor([morph.wanted_volume(t) for t in times.tolist()], dtype=torch.double)
+    return VolumeCurve(times, volumes, errors, wanted / wanted[0])

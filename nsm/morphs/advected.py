@@ -85,19 +85,13 @@ class LevelProjection:
         return projected.points
 
 
-def has_velocity(morph: Morph) -> bool:
-    """Whether the method of a morph has a velocity."""
-    with torch.no_grad():
-        return morph.velocity(morph.bounds.mean(0, keepdim=True), 0.0) is not None
-
-
 def velocity_of(morph: Morph) -> VelocityField:
     """The velocity V(x, t) (n, d) of a morph.
 
     Raises:
         InputError: if its method has none.
     """
-    if not has_velocity(morph):
+    if not morph.has_velocity:
         raise InputError(
             "this morph has no velocity, so nothing can be carried along it: give one that was trained with a "
             "velocity, such as by method=adadiv"

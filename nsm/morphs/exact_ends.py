@@ -36,7 +36,7 @@ _MEASURED, _POINTS, _MOMENTS = 32, 256, (0.25, 0.5, 0.75)
 _DIRECT = RungeKutta(16)
 
 
-class ExactEnds:
+class ExactEnds(Morph):
     """A morph whose ends are its two shapes exactly, whatever its networks missed; a `nsm.types.Morph`.
 
     With h₀ = g₀ − f(·, 0), h₁ = g₁ − f(·, 1), and φ the flow of V,
@@ -83,7 +83,7 @@ class ExactEnds:
     def __init__(self, morph: Morph, flow_resolution: int | None = None, detail_resolution: int | None = None) -> None:
         self._velocity = velocity_of(morph)
         self.morph, self.dim, self.bounds = morph, morph.dim, morph.bounds
-        self.source, self.target = morph.source, morph.target
+        self.source, self.target, self.provenance = morph.source, morph.target, morph.provenance
         self.flow_resolution = flow_resolution or FLOW_RESOLUTION[morph.dim]
         self.detail_resolution = detail_resolution or DETAIL_RESOLUTION[morph.dim]
 
@@ -101,14 +101,17 @@ class ExactEnds:
             return self._gradient_at_times(x, t)
         return torch.cat([self._gradient(chunk, float(t)) for chunk in x.split(CHUNK)])
 
+    @property
+    def has_velocity(self) -> bool:
+        return True
+
     def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
         """Velocity (n, d) of the morph, in units of length per unit of t."""
         return self.morph.velocity(x, t)
 
     def divergence(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:
-        """Divergence (n,) of the velocity in space; None where that of the morph is not known."""
-        known = getattr(self.morph, "divergence", None)
-        return None if known is None else known(x, t)
+        """Divergence (n,) of the velocity of the morph in space."""
+        return self.morph.divergence(x, t)
 
     @torch.no_grad()
     def flow_error(self) -> FlowError:

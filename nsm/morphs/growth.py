@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from functools import cached_property, partial
 from pkgutil import resolve_name
 from typing import Any, TypeVar
 
@@ -21,15 +20,11 @@ from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.geometry.volume import volume
 from nsm.shapes import FieldShape, Similarity
 from nsm.types import Morph, SignedDistance
 
 #: A time, or times (n,); a function of it gives the same kind.
 Time = TypeVar("Time", float, Tensor)
-
-#: Cells along the box on which the volume at the start is measured.
-VOLUME_RESOLUTION = {2: 512, 3: 128}
 
 
 class Growth(ABC):
@@ -192,8 +187,8 @@ class Table(Growth):
         return value
 
 
-class Grown:
-    """A morph with a changing volume, f̃(x, t) = α(t) f(x/α(t), t) (equation 16); a `nsm.types.Morph`.
+class Grown(Morph):
+    """A morph with a changing volume, f̃(x, t) = α(t) f(x/α(t), t) (equation 16).
 
     f̃ is a distance where f is, ∇f̃(x, t) = ∇f(x/α, t), and its surface is carried by
 
@@ -216,7 +211,7 @@ class Grown:
     """
 
     def __init__(self, morph: Morph, growth: Growth) -> None:
-        self.morph, self.growth, self.dim = morph, growth, morph.dim
+        self.morph, self.growth, self.dim, self.provenance = morph, growth, morph.dim, morph.provenance
         boxes = torch.stack([morph.bounds * relative ** (1 / morph.dim) for relative in growth.extremes])
         self.bounds = torch.stack([boxes[:, 0].amin(0), boxes[:, 1].amax(0)])
         self.source: SignedDistance = _scaled(morph.source, growth.scale(0.0), self.dim)
@@ -233,6 +228,10 @@ class Grown:
         gradient = self.morph.gradient(near, t)
         return torch.where(beyond == 0, gradient, torch.nn.functional.normalize(beyond, dim=1))
 
+    @property
+    def has_velocity(self) -> bool:
+        return self.morph.has_velocity
+
     def velocity(self, x: Float[Tensor, "n d"], t: float | Tensor) -> Float[Tensor, "n d"] | None:
         """Velocity (n, d), in units of length per unit of t; None for a method without a velocity field."""
         near, _, scale = self._pulled_back(x, t)
@@ -240,23 +239,19 @@ class Grown:
         return None if velocity is None else scale * velocity + self._rate(x, t) / scale * x
 
     def divergence(self, x: Float[Tensor, "n d"], t: float | Tensor) -> Float[Tensor, " n"] | None:
-        """Divergence (n,) of the velocity in space; None where that of the morph is not known."""
+        """Divergence (n,) of the velocity in space; None for a method without a velocity field."""
         near, _, scale = self._pulled_back(x, t)
-        known = getattr(self.morph, "divergence", None)
-        divergence = None if known is None else known(near, t)
+        divergence = self.morph.divergence(near, t)
         return None if divergence is None else divergence + self.dim * (self._rate(x, t) / scale)[:, 0]
 
-    def box(self, t: float) -> Float[Tensor, "2 d"]:
-        """Corners of the box of the morph as it is scaled at a time: beyond it nothing is known of the shape."""
-        return self.morph.bounds * self.growth.scale(t)
+    def domain(self, t: float) -> Float[Tensor, "2 d"]:
+        """Corners of the domain of the morph, scaled by α(t)."""
+        return self.morph.domain(t) * self.growth.scale(t)
 
-    def wanted_volume(self, t: float) -> float:
-        """V_0 α(t)^d, with V_0 the volume of the morph at t = 0 before it is scaled, in units of length to the d."""
-        return self._initial_volume * float(self.growth.relative_volume(t))
-
-    @cached_property
-    def _initial_volume(self) -> float:
-        return initial_volume(self.morph)
+    def wanted_volume(self, t: float, initial: float = 1.0) -> float:
+        """V(0) (α(t)/α(0))^d, with V(0) the initial volume."""
+        relative = self.growth.relative_volume(t) / self.growth.relative_volume(0.0)
+        return self.morph.wanted_volume(t, initial) * relative
 
     def _pulled_back(self, x: Tensor, t: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """x/α moved into the box of the morph (n, d), by how much (n, d), and α as a column of one row or n."""
@@ -269,11 +264,6 @@ class Grown:
     def _rate(self, x: Tensor, t: float | Tensor) -> Tensor:
         """α' as a column."""
         return self.growth.rate(torch.as_tensor(t).to(x)).reshape(-1, 1)
-
-
-def initial_volume(morph: Morph) -> float:
-    """Volume of {f(·, 0) < 0} within the box, from sub-voxel fractions."""
-    return volume(partial(morph, t=0.0), morph.bounds, VOLUME_RESOLUTION[morph.dim])
 
 
 def build_growth(config: Mapping[str, Any] | None, dim: int, own: tuple[float, float] = (1.0, 1.0)) -> Growth | None:

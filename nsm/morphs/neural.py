@@ -10,14 +10,14 @@ from torch import Tensor, nn
 
 from nsm.fields import ScalarNetwork, Velocity
 from nsm.shapes import FieldShape
-from nsm.types import Jet
+from nsm.types import Jet, Morph
 
 #: Points evaluated at once: large enough for full matrix products, small enough for any memory.
 CHUNK = 1 << 16
 
 
-class NeuralMorph(nn.Module):
-    """A moving shape {f(·, t) < 0} with its velocity field and its two end shapes; a `nsm.types.Morph`.
+class NeuralMorph(nn.Module, Morph):
+    """A moving shape {f(·, t) < 0} with its velocity field and its two end shapes.
 
     Args:
         field: f(x, t), a scalar network of d + 1 inputs, time last.
@@ -32,6 +32,8 @@ class NeuralMorph(nn.Module):
     """
 
     bounds: Tensor
+    source: FieldShape
+    target: FieldShape
 
     def __init__(
         self,
@@ -45,6 +47,7 @@ class NeuralMorph(nn.Module):
         self.dim = field.in_features - 1
         self.field, self.velocity_field = field, velocity
         self.source, self.target = source, target
+        self.provenance = {"source": source.provenance(), "target": target.provenance()}
         if velocity is not None:
             velocity.attach(field, target)
         corner = torch.full((self.dim,), float(half_width))
@@ -67,6 +70,10 @@ class NeuralMorph(nn.Module):
     def gradient(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"]:
         """Spatial gradient (n, d) of the signed distance."""
         return self.jet(x, t).gradient[:, : self.dim]
+
+    @property
+    def has_velocity(self) -> bool:
+        return self.velocity_field is not None
 
     def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
         """Velocity (n, d), in units of length per unit of t; None for a method without a velocity field."""

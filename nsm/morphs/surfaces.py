@@ -15,13 +15,15 @@ from torch.nn.functional import normalize
 from nsm.cli.errors import InputError
 from nsm.geometry.level import level_of_volume
 from nsm.geometry.meshing import extract_surface, open_sides
-from nsm.morphs.growth import Grown, initial_volume
+from nsm.geometry.volume import volume
 from nsm.types import Morph, SimplexMesh
 
 log = logging.getLogger(__name__)
 
 #: The level to extract at a time.
 Levels = Callable[[float], float]
+#: Cells along the box on which the volume at t = 0 is measured, by dimension.
+VOLUME_RESOLUTION = {2: 512, 3: 128}
 #: A level beyond this, in units of length, shows: the morph has lost or gained too much for an offset to hide.
 LARGE_LEVEL = 0.01
 
@@ -46,7 +48,7 @@ def extract_frame(morph: Morph, time: float, resolution: int, level: float = 0.0
         level: the value of f on the surface.
     """
     mesh = extract_surface(partial(morph, t=time), morph.bounds, resolution, level)
-    if sides := open_sides(mesh, morph.box(time) if isinstance(morph, Grown) else morph.bounds):
+    if sides := open_sides(mesh, morph.domain(time)):
         log.warning(
             "at t = %g the surface leaves the box by its sides %s and is cut there: train with smaller shapes "
             "(source.pose.scale=0.9 target.pose.scale=0.9), or in Python enlarge morph.bounds",
@@ -64,8 +66,8 @@ def zero_level(time: float) -> float:
 class ExactVolume:
     """Levels c(t) at which the mesh encloses the wanted volume: Vol{f(·, t) < c(t)} = V(t).
 
-    V(t) is the volume at t = 0, from sub-voxel fractions (`nsm.morphs.growth.initial_volume`), and for a `Grown`
-    morph that times its growth. What is made equal to it is the volume of the mesh (`nsm.geometry.level`).
+    V(t) is `nsm.types.Morph.wanted_volume` for the volume at t = 0 (`initial_volume`). What is made equal to it is the
+    volume of the mesh (`nsm.geometry.level`).
 
     Args:
         morph: the morph.
@@ -78,11 +80,11 @@ class ExactVolume:
     def __init__(self, morph: Morph, resolution: int) -> None:
         self.morph, self.resolution = morph, resolution
         self.levels: dict[float, float] = {}
-        self._wanted = morph.wanted_volume if isinstance(morph, Grown) else _constant(initial_volume(morph))
+        self._initial = initial_volume(morph)
 
     def wanted_volume(self, time: float) -> float:
         """V(t), in units of length to the power d."""
-        return self._wanted(time)
+        return self.morph.wanted_volume(time, self._initial)
 
     def __call__(self, time: float) -> float:
         """The level at a time, in units of length where f is a distance; found once.
@@ -116,5 +118,6 @@ class ExactVolume:
         )
 
 
-def _constant(value: float) -> Callable[[float], float]:
-    return lambda _: value
+def initial_volume(morph: Morph) -> float:
+    """Volume of {f(·, 0) < 0} in the domain of a morph, from fractions of cells (`nsm.geometry.volume`)."""
+    return volume(partial(morph, t=0.0), morph.domain(0.0), VOLUME_RESOLUTION[morph.dim])

@@ -16,7 +16,7 @@ from torch import Tensor
 from nsm.cli import entry
 from nsm.cli.errors import InputError
 from nsm.cli.settings import moment, moments, number, numbers, switch, use_threads, whole_number
-from nsm.io.loading import Subject, load_subjects, output_folder
+from nsm.io.loading import LoadedMorph, load_morphs, output_folder
 from nsm.morphs.surfaces import ExactVolume, Levels
 from nsm.plots.colors import RESIDUALS, position_colors, residual_colors, surface_bounds
 from nsm.plots.look import Colors, Look, carried, clay, zero_levels
@@ -37,7 +37,7 @@ def main(cfg: DictConfig) -> None:
     use_threads(config)
     kind = config["kind"]
     draw, suffix = KINDS[kind]
-    subjects = load_subjects(config, "nsm.render")
+    subjects = load_morphs(config, "nsm.render")
     file = Path(config["output"]) if config["output"] else output_folder(subjects, "render") / f"{kind}{suffix}"
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
@@ -49,12 +49,12 @@ def main(cfg: DictConfig) -> None:
     log.info("wrote %s", file)
 
 
-def _strip(file: Path, subjects: list[Subject], config: Mapping[str, Any], tell: Tell) -> None:
+def _strip(file: Path, subjects: list[LoadedMorph], config: Mapping[str, Any], tell: Tell) -> None:
     size, times = whole_number("size", config["size"], 16), moments("times", config["times"])
     render_strip(file, _rows(subjects), times, size=size, look=_look(config), progress=tell)
 
 
-def _film(file: Path, subjects: list[Subject], config: Mapping[str, Any], tell: Tell) -> None:
+def _film(file: Path, subjects: list[LoadedMorph], config: Mapping[str, Any], tell: Tell) -> None:
     seconds, hold, turns = (number(name, config[name]) for name in ("seconds", "hold", "turns"))
     pace = Pace(seconds, hold, whole_number("fps", config["fps"], 1), switch("back", config["back"]), turns)
     render_film(
@@ -62,7 +62,7 @@ def _film(file: Path, subjects: list[Subject], config: Mapping[str, Any], tell: 
     )
 
 
-def _turntable(file: Path, subjects: list[Subject], config: Mapping[str, Any], tell: Tell) -> None:
+def _turntable(file: Path, subjects: list[LoadedMorph], config: Mapping[str, Any], tell: Tell) -> None:
     time, seconds = moment("time", config["time"]), number("seconds", config["seconds"])
     fps, size = whole_number("fps", config["fps"], 1), numbers("size", config["size"])
     render_turntable(
@@ -70,7 +70,7 @@ def _turntable(file: Path, subjects: list[Subject], config: Mapping[str, Any], t
     )
 
 
-def _slices(file: Path, subjects: list[Subject], config: Mapping[str, Any], tell: Tell) -> None:
+def _slices(file: Path, subjects: list[LoadedMorph], config: Mapping[str, Any], tell: Tell) -> None:
     plane, times = Plane(str(config["axis"]), number("offset", config["offset"])), moments("times", config["times"])
     tell(0, 1)
     plot_residual_slices(
@@ -126,7 +126,7 @@ def _exact_levels(resolution: int) -> Callable[[Morph], Levels]:
     return levels
 
 
-def _rows(subjects: list[Subject]) -> Morph | dict[str, Morph]:
+def _rows(subjects: list[LoadedMorph]) -> Morph | dict[str, Morph]:
     """Morphs by name; one needs none."""
     return subjects[0].morph if len(subjects) == 1 else {subject.name: subject.morph for subject in subjects}
 

@@ -18,7 +18,7 @@ from rich.progress import Progress
 from nsm.cli import entry
 from nsm.cli.errors import InputError
 from nsm.cli.settings import number, positive, switch, use_threads, whole_number
-from nsm.io.loading import Subject, load_subjects
+from nsm.io.loading import LoadedMorph, load_morphs
 from nsm.metrics import even_times
 from nsm.view.frames import Settings
 from nsm.view.page import Viewer
@@ -47,13 +47,13 @@ def main(cfg: DictConfig) -> None:
     seconds = positive("seconds", config["seconds"])
     use_threads(config)
     if config["record"] is not None:
-        _record(_page_file(config["record"]), load_subjects(config, "nsm.view"), settings, times, seconds)
+        _record(_page_file(config["record"]), load_morphs(config, "nsm.view"), settings, times, seconds)
         return
     memory = whole_number("memory", config["memory"], 1) * _MIB
     port = config["port"]
     if port is not None and whole_number("port", port, 1) > _LAST_PORT:
         raise InputError(f"port={port} cannot be: give a number up to {_LAST_PORT}")
-    subjects = load_subjects(config, "nsm.view")
+    subjects = load_morphs(config, "nsm.view")
     with _until_told() as told:
         viewer = Viewer(subjects, settings, times, seconds, memory, str(config["host"]), port)
         try:
@@ -66,7 +66,7 @@ def main(cfg: DictConfig) -> None:
             viewer.close()
 
 
-def _record(file: Path, subjects: list[Subject], settings: Settings, times: list[float], seconds: float) -> None:
+def _record(file: Path, subjects: list[LoadedMorph], settings: Settings, times: list[float], seconds: float) -> None:
     with Progress(console=Console(stderr=True)) as bar:
         work = record(file, subjects, settings, times, seconds)
         for _ in bar.track(work, len(subjects) * len(times), description="recording"):

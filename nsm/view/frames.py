@@ -14,7 +14,6 @@ from torch import Tensor
 from nsm.cli.errors import InputError
 from nsm.geometry.topology import component_count, enclosed_volume
 from nsm.geometry.volume import volume
-from nsm.morphs.growth import Grown
 from nsm.morphs.surfaces import ExactVolume, extract_frame
 from nsm.plots.colors import RESIDUALS, carried_colors, residual_colors
 from nsm.types import Morph, SimplexMesh
@@ -145,7 +144,7 @@ class Photographer:
 
     def wanted_volume(self, time: float) -> float:
         """The volume that the morph should have: that at t = 0, times its growth."""
-        return self.morph.wanted_volume(time) if isinstance(self.morph, Grown) else self._initial_volume
+        return self.morph.wanted_volume(time, self._initial_volume)
 
     @cached_property
     def _initial_volume(self) -> float:
@@ -183,11 +182,7 @@ class Photographer:
 
 def can_color(morph: Morph, color: str) -> bool:
     """Whether a morph has what a color shows; without it, it is shown in clay."""
-    if color in ("clay", "eikonal"):
-        return True
-    middle = morph.bounds.mean(0, keepdim=True)
-    with torch.no_grad():
-        return morph.velocity(middle, 0.0) is not None
+    return color in ("clay", "eikonal") or morph.has_velocity
 
 
 def scale_of(color: str) -> float:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import viser
 
 from nsm.cli.errors import InputError
-from nsm.io.loading import Subject
+from nsm.io.loading import LoadedMorph
 from nsm.view.controls import Controls, percent
 from nsm.view.frames import COLORS, Photographer, Settings, Surface, can_color
 from nsm.view.stage import Extent, Stage
@@ -49,7 +49,7 @@ class Viewer:
 
     def __init__(
         self,
-        subjects: Sequence[Subject],
+        subjects: Sequence[LoadedMorph],
         settings: Settings,
         times: Sequence[float],
         seconds: float = 6.0,
@@ -209,7 +209,7 @@ def caption(instant: float, surface: Surface) -> str:
     return f"t = {instant:.2f}   {percent(surface.deviation)}"
 
 
-def one_dimension(subjects: Sequence[Subject]) -> int:
+def one_dimension(subjects: Sequence[LoadedMorph]) -> int:
     """The dimension of all morphs.
 
     Raises:

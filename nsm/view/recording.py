@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from nsm.cli.files import whole_file
-from nsm.io.loading import Subject
+from nsm.io.loading import LoadedMorph
 from nsm.view.frames import Photographer, Settings
 from nsm.view.page import caption, close_server, one_dimension, open_server
 from nsm.view.stage import Extent, Stage
@@ -14,7 +14,7 @@ from nsm.view.store import Key
 
 
 def record(
-    path: Path | str, subjects: Sequence[Subject], settings: Settings, times: Sequence[float], seconds: float = 6.0
+    path: Path | str, subjects: Sequence[LoadedMorph], settings: Settings, times: Sequence[float], seconds: float = 6.0
 ) -> Iterator[int]:
     """Write an HTML file that holds all frames and the page that plays them to and fro, by viser's own recording.
 

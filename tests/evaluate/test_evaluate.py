@@ -10,7 +10,7 @@ import pytest
 from analytic import run_here, save, sentence, shrinking, turning, unreadable
 
 from nsm.evaluate import __main__ as evaluate
-from nsm.io.loading import load_subjects, output_folder
+from nsm.io.loading import load_morphs, output_folder
 from nsm.metrics import Protocol, evaluate_morph
 
 SMALL = ("volume_resolution=12", "surface_resolution=12", "times=3", "picture_size=24")
@@ -69,7 +69,7 @@ def test_several_morphs_share_a_table(tmp_path: Path, capfd: pytest.CaptureFixtu
 
 def test_several_morphs_go_into_a_folder_of_their_own(tmp_path: Path) -> None:
     files = [save(shrinking(2, rise), tmp_path / f"{rise}.ckpt") for rise in (0.1, 0.2)]
-    subjects = load_subjects(
+    subjects = load_morphs(
         {"checkpoint": [str(f) for f in files], "official": None, "growth": None, "ends": "exact"}, "nsm.evaluate"
     )
     assert output_folder(subjects, "evaluation").parts[:2] == ("outputs", "evaluations")
@@ -117,7 +117,7 @@ def test_a_narrow_terminal_shows_whole_numbers(
 def test_the_same_name_is_given_once(tmp_path: Path) -> None:
     files = [save(shrinking(2, 0.1), tmp_path / str(i) / "x" / "run" / "checkpoints" / "best.ckpt") for i in range(3)]
     config = {"checkpoint": [str(f) for f in files], "official": None, "growth": None, "ends": "exact"}
-    names = [s.name for s in load_subjects(config, "nsm.evaluate")]
+    names = [s.name for s in load_morphs(config, "nsm.evaluate")]
     assert names == ["0/x/run", "1/x/run", "2/x/run"]
 
 

@@ -414,7 +414,7 @@ def test_without_a_velocity_the_ends_are_those_of_the_network(
     file = save(morph, tmp_path / "still" / "checkpoints" / "best.ckpt")
     assert run_here(export, f"checkpoint={file}", "times=[0]", "resolution=16", "output=o") == 0
     said = sentence(capfd.readouterr().out)
-    assert "still has no velocity to carry detail along: its ends are those of the network" in said
+    assert "still has no velocity to advect detail, so its ends are those of the network" in said
     vertices = torch.tensor(np.array(_mesh(tmp_path / "o" / "frame_0000.ply").vertices), dtype=torch.float32)
     assert morph(vertices, 0.0).abs().max() < 0.02
 

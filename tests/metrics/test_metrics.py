@@ -42,13 +42,14 @@ def carried(morph, times, resolution):
     return check_transport(morph, meshes[0], times, meshes)
 
 
-class Still:
+class Still(Morph):
     """Shapes that a function of time and space gives, without velocity: nothing but a `Morph`."""
 
     def __init__(self, dim, field):
         self.dim, self.field = dim, field
         self.bounds = torch.tensor([[-1.0] * dim, [1.0] * dim], dtype=torch.double)
         self.source, self.target = partial(self, t=0.0), partial(self, t=1.0)
+        self.provenance = {}
 
     def __call__(self, x, t):
         return self.field(x, t)
@@ -56,12 +57,11 @@ class Still:
     def gradient(self, x, t):
         return finite_gradient(partial(self.field, t=t), x, 1e-6)
 
-    def velocity(self, x, t):
-        return None
-
 
 class Nothing(LinearMotion):
     """A morph that has collapsed: positive everywhere."""
+
+    has_velocity = False
 
     def __call__(self, x, t):
         return super().__call__(x, t).abs() + 1
@@ -211,6 +211,8 @@ def test_divergence_by_differences_is_the_exact_one(dim, generator):
     motion = MOTIONS["growing_ball"](dim)
 
     class Silent(Still):
+        has_velocity = True
+
         def velocity(self, x, t):
             return motion.velocity(x, t)
 
@@ -330,6 +332,8 @@ def test_the_drift_of_a_flow_that_bends_a_surface_is_that_of_its_mesh_and_is_tol
     middle = torch.tensor([0.1, 0.07], dtype=torch.double)
 
     class Sheared(Still):
+        has_velocity = True
+
         def velocity(self, x, t):
             return torch.stack([0 * x[:, 0], 0.3 * torch.sin(4 * x[:, 0])], 1)
 
@@ -386,6 +390,8 @@ def test_the_protocol_gives_the_known_figures_of_the_authors_morph(data_dir):
     fandisk = layers("ni/fandisk.pth", 60.0)
 
     class Official(LinearMotion):
+        has_velocity = False
+
         def _input(self, x, t):
             return torch.cat([x, torch.full_like(x[:, :1], t)], 1)
 

@@ -19,18 +19,19 @@ from nsm.metrics.residuals import rate
 from nsm.morphs.advected import carry_surface
 from nsm.morphs.growth import Grown, VolumeLinear
 from nsm.morphs.surfaces import ExactVolume, extract_frame
+from nsm.types import Morph
 
 both_dims = pytest.mark.parametrize("dim", [2, 3])
 TIMES = (0.01, 0.2, 0.5, 0.93)
 
 
-class Missing:
+class Missing(Morph):
     """A motion whose f lacks bumps that the flow carries from both ends: f = exact − cos² b₀(φ) − sin² b₁(φ)."""
 
     def __init__(self, motion: LinearMotion) -> None:
         self.motion, self.dim = motion, motion.dim
         self.bounds, self.source, self.target = motion.bounds, motion.source, motion.target
-        self.velocity, self.divergence = motion.velocity, motion.divergence
+        self.provenance = motion.provenance
 
     def missing(self, x, t):
         t = torch.as_tensor(t).to(x)
@@ -47,6 +48,14 @@ class Missing:
             y = x.detach().requires_grad_()
             (slope,) = torch.autograd.grad(self.missing(y, t).sum(), y)
         return self.motion.gradient(x, t) - slope
+
+    has_velocity = True
+
+    def velocity(self, x, t):
+        return self.motion.velocity(x, t)
+
+    def divergence(self, x, t):
+        return self.motion.divergence(x, t)
 
 
 def repaired(dim, motion=squashed_ball, flow=12, detail=None):

@@ -15,6 +15,8 @@ from nsm.plots.slices import Plane, _slice, plot_residual_slices
 
 
 class Silent(LinearMotion):
+    has_velocity = False
+
     def velocity(self, x, t):
         return None
 

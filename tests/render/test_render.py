@@ -69,7 +69,7 @@ class Sliding(LinearMotion):
         super().__init__(Ball(3), drift=[0.6, 0.3, -0.2], start=[-0.3, -0.15, 0.1])
 
     def _back(self, x, t):
-        return self._centerd(x, t), torch.eye(3, dtype=x.dtype).expand(len(x), 3, 3)
+        return self._centered(x, t), torch.eye(3, dtype=x.dtype).expand(len(x), 3, 3)
 
 
 def red(morph, points, time):

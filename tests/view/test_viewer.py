@@ -23,7 +23,7 @@ from problems import Ball, GrowingBall, growing_ball, squashed_ball, translating
 from nsm.cli.errors import InputError
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.topology import enclosed_volume
-from nsm.io.loading import Subject
+from nsm.io.loading import LoadedMorph
 from nsm.morphs.growth import Grown, VolumeLinear
 from nsm.plots.colors import carried_colors
 from nsm.types import SimplexMesh
@@ -38,8 +38,8 @@ from nsm.view.store import Key, Store
 COARSE = Settings(resolution=16)
 
 
-def subject(name: str = "ball", dim: int = 3) -> Subject:
-    return Subject(name, name, shrinking(dim, 0.3), None)
+def subject(name: str = "ball", dim: int = 3) -> LoadedMorph:
+    return LoadedMorph(name, name, shrinking(dim, 0.3), None)
 
 
 def picture(size: int) -> Picture:
@@ -395,7 +395,7 @@ def test_the_command_records(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert out.stat().st_size > 0
     said = sentence(capsys.readouterr().out)
     assert f"wrote {out}" in said
-    assert "has no velocity to carry detail along" in said
+    assert "has no velocity to advect detail" in said
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

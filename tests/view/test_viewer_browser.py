@@ -14,7 +14,7 @@ import pytest
 from analytic import shrinking
 from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, sync_playwright
 
-from nsm.io.loading import Subject
+from nsm.io.loading import LoadedMorph
 from nsm.view.frames import Settings
 from nsm.view.page import Viewer
 from nsm.view.recording import record
@@ -92,8 +92,8 @@ def artefacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def subjects(count: int, dim: int = 3) -> list[Subject]:
-    return [Subject(f"ball {n}", "", shrinking(dim, 0.3 + 0.1 * n), None) for n in range(count)]
+def subjects(count: int, dim: int = 3) -> list[LoadedMorph]:
+    return [LoadedMorph(f"ball {n}", "", shrinking(dim, 0.3 + 0.1 * n), None) for n in range(count)]
 
 
 @pytest.fixture(scope="module")

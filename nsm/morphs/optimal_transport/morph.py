@@ -19,13 +19,14 @@ from nsm.geometry.volume import volume
 from nsm.metrics.endpoint import finite_gradient
 from nsm.morphs.optimal_transport.density import REACH, distance_of_density, histogram, kernel_density, padded_lattice
 from nsm.shapes import FieldShape
+from nsm.types import Morph
 
 #: Times whose grids are kept: the one that is looked at, and its neighbours.
 _KEPT = 4
 
 
-class TransportMorph(nn.Module):
-    """A moving shape {f(·, t) < 0} made of points on straight paths; a `nsm.types.Morph` without a velocity.
+class TransportMorph(nn.Module, Morph):
+    """A moving shape {f(·, t) < 0} made of points on straight paths.
 
     Half of the points start everywhere in the source and half end everywhere in the target. Those of the source have
     together the mass 1 − t and those of the target t, so the mass is 1 at all times and both ends are filled evenly.
@@ -36,6 +37,9 @@ class TransportMorph(nn.Module):
     the distance from the surface of a shape of density ρ₀ as far as it is flat (`distance_of_density`), ρ₀ = 1 /
     volume. One s₀, so one threshold of density, holds at all times; it is that which gives f(·, 0) the volume of the
     source. Beyond three kernel widths from the surface f is constant.
+
+    There is no velocity field: the points have velocities, but the surface does not move with them, as it lies where
+    their density has a fixed value.
 
     Args:
         source: the shape at t = 0, posed and scaled.
@@ -53,6 +57,8 @@ class TransportMorph(nn.Module):
     """
 
     bounds: Tensor
+    source: FieldShape
+    target: FieldShape
     starts: Tensor
     stops: Tensor
     offset: Tensor
@@ -69,6 +75,7 @@ class TransportMorph(nn.Module):
         super().__init__()
         self.dim = source.dim
         self.source, self.target = source, target
+        self.provenance = {"source": source.provenance(), "target": target.provenance()}
         self.kernel, self.resolution, self.volumes = float(kernel), resolution, tuple(volumes)
         corner = torch.ones(self.dim)
         self.register_buffer("bounds", torch.stack([-corner, corner]))
@@ -95,10 +102,6 @@ class TransportMorph(nn.Module):
         """Spatial gradient (n, d): differences over two cells of the grid, which are continuous in space."""
         step = float(self.lattice.step.min())
         return self._each_time(lambda p, time: finite_gradient(partial(self._value, t=time), p, step), x, t)
-
-    def velocity(self, x: Tensor, t: float | Tensor) -> None:
-        """None: points have velocities, but do not carry the surface, which is where their density has a value."""
-        return
 
     @torch.no_grad()
     def calibrate(self) -> None:
