@@ -82,6 +82,14 @@ def known_ends(ends: Any) -> str:
     return str(ends)
 
 
+def exact_ends(morph: Morph, name: str) -> ExactEnds | None:
+    """The morph with its two shapes as exact ends; None if it has no velocity to advect detail, which is logged."""
+    if morph.has_velocity:
+        return ExactEnds(morph)
+    log.info("%s has no velocity to advect detail, so its ends are those of the network, as with ends=network", name)
+    return None
+
+
 def load_run(name: str, file: Path, ends: str, growth: Mapping[str, Any] | None = None) -> LoadedMorph:
     """Load the morph of a checkpoint.
 
@@ -89,16 +97,11 @@ def load_run(name: str, file: Path, ends: str, growth: Mapping[str, Any] | None 
         name: Name of the morph in tables and pictures.
         file: Checkpoint.
         ends: ``exact`` for the end shapes themselves at t = 0 and 1, ``network`` for what the networks learned of them.
-            A morph without a velocity cannot advect detail, so its ends are those of the network, which a line in the
-            log says.
+            Without a velocity, both are the network's (`exact_ends`).
         growth: How the volume changes, see `load_morphs`.
     """
     network = load_morph(file)
-    exact = None
-    if ends == "exact" and network.has_velocity:
-        exact = ExactEnds(network)
-    elif ends == "exact":
-        log.info("%s has no velocity to advect detail, so its ends are those of the network (`ends=network`)", name)
+    exact = exact_ends(network, name) if ends == "exact" else None
     bare, folder = _grown(network, growth), run_folder(file)
     if exact is None:
         return LoadedMorph(name, str(file), bare, folder)

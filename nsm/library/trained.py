@@ -22,7 +22,7 @@ from nsm.export.formats import Request
 from nsm.export.surfaces import coordinates as similarity_to
 from nsm.geometry.volume import volume
 from nsm.io import checkpoint, official
-from nsm.io.loading import known_ends, with_ends
+from nsm.io.loading import exact_ends, known_ends
 from nsm.morphs.surfaces import extract_frame
 from nsm.plots.look import Look
 from nsm.plots.strip import SUFFIXES as PICTURES
@@ -30,7 +30,7 @@ from nsm.plots.strip import render_strip
 from nsm.render.film import SIZE, Pace, render_film
 from nsm.render.film import SUFFIXES as FILMS
 from nsm.shapes.download import file_sha256
-from nsm.types import Morph, SignedDistance
+from nsm.types import Morph
 
 #: Cells along the longest edge of the box on which surfaces are extracted.
 RESOLUTION = 128
@@ -38,8 +38,8 @@ RESOLUTION = 128
 FRAMES = 24
 
 
-class TrainedMorph:
-    """A finished morph f(x, t) with what its user does with it; a `nsm.types.Morph`.
+class TrainedMorph(Morph):
+    """A finished morph f(x, t) with what its user does with it.
 
     Args:
         morph: The morph that is evaluated, meshed, and filmed.
@@ -56,17 +56,8 @@ class TrainedMorph:
 
     def __init__(self, morph: Morph, network: Morph, content: Mapping[str, Any], identity: str) -> None:
         self._morph, self.network, self._content, self._identity = morph, network, content, identity
-        self.dim, self.bounds = morph.dim, morph.bounds
-
-    @property
-    def source(self) -> SignedDistance:
-        """Signed distance of the shape at t = 0, in the coordinates of the box."""
-        return self._morph.source
-
-    @property
-    def target(self) -> SignedDistance:
-        """Signed distance of the shape at t = 1, in the coordinates of the box."""
-        return self._morph.target
+        self.dim, self.bounds, self.provenance = morph.dim, morph.bounds, morph.provenance
+        self.source, self.target = morph.source, morph.target
 
     def __call__(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"]:
         """Evaluate the signed distance at points x, shape (n, d), and times t, one number or shape (n,)."""
@@ -79,6 +70,22 @@ class TrainedMorph:
     def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
         """Evaluate the velocity, shape (n, d), in units of length per unit of t; None for a method without one."""
         return self._morph.velocity(x, t)
+
+    @property
+    def has_velocity(self) -> bool:
+        return self._morph.has_velocity
+
+    def divergence(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:
+        """Evaluate the divergence of the velocity in space, shape (n,); None for a method without a velocity."""
+        return self._morph.divergence(x, t)
+
+    def domain(self, t: float) -> Float[Tensor, "2 d"]:
+        """Corners of the box in which f is known at time t, shape (2, d)."""
+        return self._morph.domain(t)
+
+    def wanted_volume(self, t: float, initial: float = 1.0) -> float:
+        """Volume that the shape should have at time t, given the volume that it has at t = 0."""
+        return self._morph.wanted_volume(t, initial)
 
     def mesh(self, t: float, resolution: int = RESOLUTION, coordinates: str = "morph") -> trimesh.Trimesh:
         """Extract the surface at one time as a triangle mesh.
@@ -217,7 +224,8 @@ def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu",
     ends, file = known_ends(ends), checkpoint.find_checkpoint(path)
     network = checkpoint.load_morph(file, device)
     content = {key: value for key, value in checkpoint.read_checkpoint(file).items() if key in ("nsm", "state_dict")}
-    return TrainedMorph(with_ends(network, ends, str(file)), network, content, file_sha256(file))
+    exact = exact_ends(network, str(file)) if ends == "exact" else None
+    return TrainedMorph(exact or network, network, content, file_sha256(file))
 
 
 def load_official(name: str) -> TrainedMorph:
