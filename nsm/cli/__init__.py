@@ -1,1 +1,1 @@
-"""What every command needs around its work: configuration, validation, errors, and atomic files."""
+"""Tool box of all commands: configuration, validation, errors, help, progress, and atomic files."""

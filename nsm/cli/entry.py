@@ -1,4 +1,4 @@
-"""What every command does around its work: plain sentences for people, exit codes for scripts."""
+"""Entry of every command: composed configuration in, exit status and one-sentence errors out."""
 
 from __future__ import annotations
 
@@ -7,51 +7,60 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable
-from functools import wraps
+from collections.abc import Callable, Sequence
+from functools import partial, wraps
 
 import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 from rich.console import Console
+from rich.markup import escape
 
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
+from nsm.cli.explain import explain, require_settings
+from nsm.cli.help import command_help
 
-#: Exit status when what was asked for cannot be done.
+#: Exit status of a command that cannot do what was asked.
 REFUSED = 2
-#: Settings that take one name or several; between several a comma is enough, without the brackets of a list.
+#: Settings that take one name or several; several need only commas, without the brackets of a list.
 _NAMES = ("checkpoint", "official")
 
 
-def run(main: Callable[[DictConfig], None], config_name: str) -> None:
-    """Run a command with its composed configuration.
+def run(main: Callable[[DictConfig], None], command: str) -> None:
+    """Run a command with its composed configuration, or print its help.
 
-    An `InputError`, an error of the configuration, or a folder that cannot be written ends it with one sentence and
-    status 2; anything else is a defect and keeps its traceback. In a multirun the other runs go on.
+    An `InputError`, an error of the configuration, or a folder that cannot be written prints one sentence and exits
+    with status 2. Anything else is a defect and keeps its traceback. In a multirun the remaining runs continue.
 
     Args:
-        main: the command; it gets the configuration, which it may not change.
-        config_name: the file in ``conf/``.
+        main: Command, called with the read-only configuration.
+        command: Name of the command and of its file in ``conf``.
     """
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # or Hydra prints the traceback itself and exits
-    _quieten()
+    arguments = sys.argv[1:]
+    if {"-h", "--help"} & set(arguments):
+        Console(highlight=False, markup=False, soft_wrap=True).print(command_help(command))
+        return
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # otherwise Hydra prints the traceback itself and exits
+    _silence_lightning()
+    report = partial(_report, arguments=arguments, command=command)
     refused: list[str] = []
 
     @wraps(main)
-    def tell(cfg: DictConfig) -> None:
+    def guarded(cfg: DictConfig) -> None:
         try:
             main(cfg)
         except Exception as error:
-            refused.append(_tell(error))
+            refused.append(report(error))
 
-    if not {"-m", "--multirun"} & set(sys.argv):
-        sys.argv[1:] = [_as_list(argument) for argument in sys.argv[1:]]
     try:
-        hydra.main(config_path=str(CONF), config_name=config_name, version_base="1.3")(tell)()
+        require_settings(arguments, command)
+        if not {"-m", "--multirun"} & set(arguments):
+            sys.argv[1:] = [_as_list(argument) for argument in arguments]
+        hydra.main(config_path=str(CONF), config_name=command, version_base="1.3")(guarded)()
     except Exception as error:
-        refused.append(_tell(error))
+        refused.append(report(error))
     except KeyboardInterrupt:
         sys.exit(128 + signal.SIGINT)
     if refused:
@@ -59,43 +68,40 @@ def run(main: Callable[[DictConfig], None], config_name: str) -> None:
 
 
 def _as_list(argument: str) -> str:
-    """``checkpoint=a,b`` as Hydra takes it, ``checkpoint=[a,b]``; any other argument as it is."""
+    """Turn ``checkpoint=a,b`` into ``checkpoint=[a,b]``, and leave other arguments as they are."""
     name, _, value = argument.partition("=")
     several = name in _NAMES and "," in value and value[0] not in "[\"'"
     return f"{name}=[{value}]" if several else argument
 
 
-def _tell(error: Exception) -> str:
-    """Print the sentence of an error and return it, or raise the error again if it has none."""
-    sentence = _sentence(error)
+def _report(error: Exception, arguments: Sequence[str], command: str) -> str:
+    """Print the sentence of an error and return it, or raise the error again if it is a defect."""
+    sentence = _sentence(error, arguments, command)
     if sentence is None:
         raise error
-    Console(stderr=True, soft_wrap=True).print(f"[bold red]nsm:[/] {_escaped(sentence)}", highlight=False)
+    Console(stderr=True, soft_wrap=True).print(f"[bold red]nsm:[/] {escape(sentence)}", highlight=False)
     return sentence
 
 
-def _sentence(error: BaseException) -> str | None:
-    """What to tell about an error that is the user's to mend, or None for a defect."""
+def _sentence(error: BaseException, arguments: Sequence[str], command: str) -> str | None:
+    """The sentence for an error that the user can resolve, or None for a defect."""
     chain: BaseException | None = error
     while chain is not None:
         if isinstance(chain, InputError):
             return str(chain)
         chain = chain.__cause__
     if isinstance(error, (HydraException, OmegaConfBaseException)):
-        return " ".join(str(error).split())
+        return explain(error, arguments, command)
     if isinstance(error, OSError) and error.filename is not None:
         return (
-            f"{error.filename} cannot be written or read ({error.strerror}): choose another hydra.run.dir, or free it"
+            f"`{error.filename}` must be readable and writable, got: {error.strerror}. "
+            "Try another folder with `hydra.run.dir=FOLDER`."
         )
     return None
 
 
-def _escaped(text: str) -> str:
-    return text.replace("[", r"\[")
-
-
-def _quieten() -> None:
-    """Leave out what Lightning tells on every run and nobody can act on."""
+def _silence_lightning() -> None:
+    """Hide messages that Lightning prints on every run and that need no action."""
     logging.getLogger("lightning.pytorch.utilities.rank_zero").setLevel(logging.WARNING)
     logging.getLogger("lightning.pytorch.accelerators.cuda").setLevel(logging.WARNING)
     for message in (

@@ -1,5 +1,8 @@
-"""The one error that people see without a traceback."""
+"""The error that users see without a traceback."""
 
 
 class InputError(ValueError):
-    """What was given cannot be used; the message is one sentence: what came, why it fails, what to type instead."""
+    """Input that cannot be used.
+
+    The message is complete for the user: "`name` must be …, got …. Try `…`."
+    """

@@ -11,8 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-import torch
-
 from nsm.cli.errors import InputError
 
 
@@ -28,8 +26,7 @@ def invalid(name: str, requirement: str, value: Any, example: Any) -> InputError
         value: The value received.
         example: A valid value to type instead.
     """
-    shown = "nothing" if value is None else f"{value}".replace("'", "")
-    return InputError(f"`{name}` must be {requirement}, got {shown}. Try `{name}={example}`.")
+    return InputError(f"`{name}` must be {requirement}, got {_shown(value)}. Try `{name}={example}`.")
 
 
 def whole_number(name: str, value: Any, least: int = 1, example: int | None = None) -> int:
@@ -171,11 +168,13 @@ def moments(name: str, value: Any) -> list[float]:
         InputError: If the value is neither.
     """
     if isinstance(value, int) and not isinstance(value, bool) and value >= 1:
+        import torch  # not above: help and completion of the shell must not wait for it
+
         return torch.linspace(0, 1, value, dtype=torch.double).tolist()
     if isinstance(value, list) and value and all(_is_number(entry) and 0 <= entry <= 1 for entry in value):
         return [float(entry) for entry in value]
     raise InputError(
-        f"`{name}` must be a number of times or a list of times from 0 to 1, got {value}. "
+        f"`{name}` must be a number of times or a list of times from 0 to 1, got {_shown(value)}. "
         f"Try `{name}=24` or `{name}=[0,0.5,1]`."
     )
 
@@ -187,8 +186,15 @@ def use_threads(config: Mapping[str, Any]) -> None:
         InputError: If ``threads`` is not a positive integer.
     """
     if config["threads"] is not None:
+        import torch
+
         torch.set_num_threads(whole_number("threads", config["threads"]))
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _shown(value: Any) -> str:
+    """A value as it is typed."""
+    return "nothing" if value is None else f"{value}".replace("'", "")

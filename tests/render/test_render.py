@@ -411,7 +411,7 @@ def test_a_turntable_by_command(run: Path) -> None:
     ("arguments", "words"),
     [
         (["kind=sculpture"], "Could not find 'kind/sculpture'"),
-        (["kind=strip", "fps=3"], "Could not override 'fps'"),
+        (["kind=strip", "fps=3"], "`fps` must be a setting of `nsm render`"),
         (["color=gold"], "color=gold is not known: give one of clay, position, carried"),
         (["color=carried"], "velocity"),
         (["times=[0,2]"], "`times` must be a number of times or a list of times from 0 to 1, got [0, 2]"),
