@@ -1,20 +1,20 @@
-"""Closed-form derivatives of sine networks, and the differential operators built from them.
+"""Closed-form derivatives of networks, and the differential operators built from them.
 
-A sine network with layers (W_l, b_l), the frequency ω folded into both, is
+A sine network with layers (W_l, b_l), the frequency ω folded into both, computes
 
     h_0 = x,    z_l = W_l h_{l-1} + b_l,    h_l = sin z_l   (l = 1 … L),    y = W_{L+1} h_L + b_{L+1}.
 
-Its derivatives follow from the chain rule without building a graph:
+Its derivatives follow from the chain rule without a graph of operations:
 
-* a *scalar* network gives value and gradient by one reverse sweep,
-  p_L = W_{L+1}ᵀ,  p_{l-1} = W_lᵀ (cos z_l ⊙ p_l),  ∇y = p_0;
-* a *vector* network gives value and Jacobian by forward tangents,
-  ∂_j z_l = W_l ∂_j h_{l-1},  ∂_j h_l = cos z_l ⊙ ∂_j z_l, the tangents of all points in one matrix product a layer;
-* second derivatives follow by one more order of the same propagation.
+* One reverse sweep gives value and gradient of a *scalar* network,
+  p_L = W_{L+1}ᵀ,  p_{l-1} = W_lᵀ (cos z_l ⊙ p_l),  ∇y = p_0.
+* Forward tangents give value and Jacobian of a *vector* network,
+  ∂_j z_l = W_l ∂_j h_{l-1},  ∂_j h_l = cos z_l ⊙ ∂_j z_l, with one matrix product per layer for all tangents.
+* Propagating one more order gives second derivatives.
 
-The sweeps used in training are `torch.autograd.Function`s whose backward pass is written out as well, so a
-training step allocates no graph inside the network and does only the matrix products that the chain rule asks
-for. They can be differentiated once more, with respect to the weights and the input.
+The two sweeps that most training steps use are `torch.autograd.Function`s with a handwritten backward pass. A step
+therefore records no graph inside the network and performs only the matrix products that the chain rule requires.
+Their results can be differentiated once, with respect to weights and input.
 
 Layers are passed as a flat tuple ``(W_1, b_1, …, W_{L+1}, b_{L+1})``, W_l of shape (out, in), b_l of shape (out,).
 """
@@ -35,7 +35,15 @@ Layers = tuple[Tensor, ...]
 
 
 def value(layers: Layers, x: Float[Tensor, "n k"]) -> Float[Tensor, "n m"]:
-    """Evaluate the network at x (n, k); returns (n, m)."""
+    """Evaluate a sine network.
+
+    Args:
+        layers: Weights and biases with ω folded in.
+        x: Inputs, shape (n, k).
+
+    Returns:
+        Outputs, shape (n, m).
+    """
     h = x
     for weight, bias in zip(layers[:-2:2], layers[1:-2:2], strict=True):
         h = torch.addmm(bias, h, weight.T).sin()
@@ -43,20 +51,41 @@ def value(layers: Layers, x: Float[Tensor, "n k"]) -> Float[Tensor, "n m"]:
 
 
 def value_and_gradient(layers: Layers, x: Float[Tensor, "n k"]) -> Jet:
-    """Value (n,) and gradient (n, k) of a scalar network at x (n, k), by one reverse sweep."""
+    """Evaluate a scalar sine network and its gradient by one reverse sweep.
+
+    Args:
+        layers: Weights and biases with ω folded in.
+        x: Inputs, shape (n, k).
+
+    Returns:
+        Value, shape (n,), and gradient, shape (n, k).
+
+    Example:
+        >>> import torch
+        >>> from nsm import calculus
+        >>> layers = (torch.eye(2), torch.zeros(2), torch.ones(1, 2), torch.zeros(1))  # sin(x) + sin(y)
+        >>> calculus.value_and_gradient(layers, torch.tensor([[0.0, torch.pi]])).gradient
+        tensor([[ 1., -1.]])
+    """
     return Jet(*_ScalarSweep.apply(x, *layers))
 
 
 def value_and_jacobian(layers: Layers, x: Float[Tensor, "n k"], directions: int) -> VectorJet:
-    """Value (n, m) and Jacobian (n, m, directions) of a vector network at x (n, k), by forward tangents.
+    """Evaluate a vector-valued sine network and its Jacobian by forward tangents.
 
-    The Jacobian is taken with respect to the first ``directions`` coordinates of x (space, where time comes last).
+    Args:
+        layers: Weights and biases with ω folded in.
+        x: Inputs, shape (n, k).
+        directions: Number of leading inputs to differentiate by: d, for the spatial Jacobian at x = (position, time).
+
+    Returns:
+        Value, shape (n, m), and Jacobian, shape (n, m, directions).
     """
     return VectorJet(*_TangentSweep.apply(x, directions, *layers))
 
 
 class _ScalarSweep(torch.autograd.Function):
-    """Forward evaluation and reverse sweep of a scalar network, with the adjoint of both written out."""
+    """Evaluation and reverse sweep of a scalar network, with a handwritten adjoint of both."""
 
     @staticmethod
     def forward(ctx, x: Tensor, *layers: Tensor) -> tuple[Tensor, Tensor]:
@@ -68,7 +97,7 @@ class _ScalarSweep(torch.autograd.Function):
             sines.append(h := z.sin_())
         y = h @ weights[-1][0] + biases[-1]
 
-        p = weights[-1]  # the same row for every point: it broadcasts
+        p = weights[-1]  # one row for all points: broadcast
         sensitivities, products = [], []
         for weight, cosine in zip(weights[-2::-1], cosines[::-1], strict=True):
             sensitivities.append(p)
@@ -88,7 +117,7 @@ class _ScalarSweep(torch.autograd.Function):
         weight_bars: list[Tensor] = []
         bias_bars: list[Tensor] = []
 
-        # adjoint of the reverse sweep, from the input side up
+        # adjoint of the reverse sweep, from the first layer to the last
         p_bar, curvatures = gradient_bar, []
         for weight, cosine, p, a in zip(weights[:-1], cosines, sensitivities, products, strict=True):
             weight_bars.append(a.T @ p_bar)
@@ -96,7 +125,7 @@ class _ScalarSweep(torch.autograd.Function):
             p_bar = a_bar * cosine
             curvatures.append(a_bar.mul_(p))
 
-        # adjoint of the evaluation, from the output side down
+        # adjoint of the evaluation, from the last layer to the first
         output_bar = torch.addmv(p_bar.sum(0), sines[-1].T, y_bar)
         h_bar = torch.outer(y_bar, weights[-1][0])
         for layer in range(n - 1, -1, -1):
@@ -114,17 +143,17 @@ class _ScalarSweep(torch.autograd.Function):
 
 
 class _TangentSweep(torch.autograd.Function):
-    """Forward evaluation with tangents of a vector network, with the adjoint of both written out.
+    """Evaluation of a vector network with its tangents, with a handwritten adjoint of both.
 
-    Every layer carries one array (1 + directions, n, width): the values first, then one slab a tangent.
+    The state of a layer is one array of shape (1 + directions, n, width): the values, then one slice per tangent.
     """
 
     @staticmethod
     def forward(ctx, x: Tensor, directions: int, *layers: Tensor) -> tuple[Tensor, Tensor]:
         weights, biases = layers[0::2], layers[1::2]
-        n = x.shape[0]  # not len(), which would fix the number of points in an exported program
+        n = x.shape[0]  # len(x) would be a constant in an exported program
         z = torch.addmm(biases[0], x, weights[0].T)
-        dz = weights[0].T[:directions, None]  # the same for every point: it broadcasts
+        dz = weights[0].T[:directions, None]  # one slice for all points: broadcast
         states, cosines, tangents = [], [], []
         for weight, bias in zip(weights[1:], biases[1:], strict=True):
             state = z.new_empty(1 + directions, n, z.shape[1])
@@ -163,12 +192,24 @@ class _TangentSweep(torch.autograd.Function):
         return (x_bar, None, *reversed(grads))
 
 
-def value_jacobian_and_laplacian(layers: Layers, x: Float[Tensor, "n k"], directions: int) -> tuple[VectorJet, Tensor]:
-    """Value, Jacobian and Laplacian (n, m) of a vector network, by forward tangents of second order.
+def value_jacobian_and_laplacian(
+    layers: Layers, x: Float[Tensor, "n k"], directions: int
+) -> tuple[VectorJet, Float[Tensor, "n m"]]:
+    """Evaluate a vector-valued sine network, its Jacobian, and its Laplacian by second-order forward tangents.
 
-    The Laplacian is propagated as it is, without the single second derivatives:
-    Δz_l = W_l Δh_{l-1},  Δh_l = cos z_l ⊙ Δz_l − sin z_l ⊙ Σ_j (∂_j z_l)²,  the sum over the first ``directions``
-    coordinates. Written in differentiable operations: a loss on it can be back-propagated.
+    The Laplacian is propagated directly, without the individual second derivatives,
+
+        Δz_l = W_l Δh_{l-1},  Δh_l = cos z_l ⊙ Δz_l − sin z_l ⊙ Σ_j (∂_j z_l)².
+
+    All operations are differentiable by autograd.
+
+    Args:
+        layers: Weights and biases with ω folded in.
+        x: Inputs, shape (n, k).
+        directions: Number of leading inputs to differentiate by.
+
+    Returns:
+        Value, shape (n, m), with Jacobian, shape (n, m, directions), and Laplacian, shape (n, m).
     """
     n = len(x)
     z = torch.addmm(layers[1], x, layers[0].T)
@@ -183,11 +224,24 @@ def value_jacobian_and_laplacian(layers: Layers, x: Float[Tensor, "n k"], direct
     return VectorJet(z, tangents.permute(1, 2, 0)), laplacian
 
 
-def value_gradient_and_hessian(layers: Layers, x: Float[Tensor, "n k"], directions: int) -> tuple[Jet, Tensor]:
-    """Value, gradient (n, k) and Hessian (n, directions, k) of a scalar network, by the tangents of the reverse sweep.
+def value_gradient_and_hessian(
+    layers: Layers, x: Float[Tensor, "n k"], directions: int
+) -> tuple[Jet, Float[Tensor, "n directions k"]]:
+    """Evaluate a scalar sine network, its gradient, and its Hessian by tangents of the reverse sweep.
 
-    ∂_j p_{l-1} = W_lᵀ (cos z_l ⊙ ∂_j p_l − sin z_l ⊙ ∂_j z_l ⊙ p_l), the derivatives along the first ``directions``
-    coordinates. Written in differentiable operations.
+    The tangents of the sensitivities are
+
+        ∂_j p_{l-1} = W_lᵀ (cos z_l ⊙ ∂_j p_l − sin z_l ⊙ ∂_j z_l ⊙ p_l).
+
+    All operations are differentiable by autograd.
+
+    Args:
+        layers: Weights and biases with ω folded in.
+        x: Inputs, shape (n, k).
+        directions: Number of leading inputs that one of the two derivatives runs over.
+
+    Returns:
+        Value, shape (n,), with gradient, shape (n, k), and Hessian, shape (n, directions, k).
     """
     n = len(x)
     z = torch.addmm(layers[1], x, layers[0].T)
@@ -207,9 +261,16 @@ def value_gradient_and_hessian(layers: Layers, x: Float[Tensor, "n k"], directio
 
 
 def tanh_value_and_gradient(layers: Layers, x: Float[Tensor, "n k"]) -> Jet:
-    """Value (n,) and gradient (n, k) of a scalar network whose activations are tanh, by one reverse sweep.
+    """Evaluate a scalar network with tanh activations and its gradient by one reverse sweep.
 
-    Written in differentiable operations.
+    All operations are differentiable by autograd.
+
+    Args:
+        layers: Weights and biases.
+        x: Inputs, shape (n, k).
+
+    Returns:
+        Value, shape (n,), and gradient, shape (n, k).
     """
     h, slopes = x, []
     for weight, bias in zip(layers[:-2:2], layers[1:-2:2], strict=True):
@@ -222,20 +283,36 @@ def tanh_value_and_gradient(layers: Layers, x: Float[Tensor, "n k"]) -> Jet:
 
 
 def divergence(jacobian: Float[Tensor, "n d d"]) -> Float[Tensor, " n"]:
-    """Divergence Σ_i ∂_i V_i (n,) of a field V with the Jacobian (n, d, d)."""
+    """Compute the divergence Σ_i ∂_i V_i, shape (n,), from the Jacobian of V, shape (n, d, d)."""
     return jacobian.diagonal(dim1=1, dim2=2).sum(1)
 
 
-def potentials(dim: int) -> int:
-    """How many scalar potentials make a divergence-free field: the entries of an antisymmetric matrix, d(d−1)/2."""
+def potential_count(dim: int) -> int:
+    """Count the potentials of a divergence-free field: the free entries of an antisymmetric matrix, d(d − 1)/2."""
     return dim * (dim - 1) // 2
 
 
 def antisymmetric_divergence(jacobian: Float[Tensor, "n p d"]) -> Float[Tensor, "n d"]:
-    """The divergence-free field V_i = Σ_j ∂_j A_ij of an antisymmetric matrix field A, from its potentials' Jacobian.
+    """Compute the divergence-free field V_i = Σ_j ∂_j A_ij of an antisymmetric matrix field A.
 
-    In 3D the potentials are D with A_ij = ε_ijk D_k, and V = curl D; in 2D there is one, H, and V = (∂_2 H, −∂_1 H),
-    the skew gradient (paper, section 4 and appendix A; Richter-Powell et al., NeurIPS 2022, in any dimension).
+    In 3D the potentials are D with A_ij = ε_ijk D_k, and V = curl D. In 2D there is a single potential H, and V is its
+    skew gradient (∂_2 H, −∂_1 H) (paper, section 4 and appendix A).
+
+    Args:
+        jacobian: Spatial Jacobian of the p = d(d − 1)/2 potentials, shape (n, p, d).
+
+    Returns:
+        The field V, shape (n, d).
+
+    References:
+        Richter-Powell, Lipman, and Chen, Neural Conservation Laws: A Divergence-Free Perspective, NeurIPS 2022.
+        https://arxiv.org/abs/2210.01741
+
+    Example:
+        >>> import torch
+        >>> from nsm import calculus
+        >>> calculus.antisymmetric_divergence(torch.tensor([[[3.0, 5.0]]]))  # ∇H = (3, 5)
+        tensor([[ 5., -3.]])
     """
     dim = jacobian.shape[2]
     operator = _antisymmetric_operator(dim, jacobian.dtype, jacobian.device)
@@ -244,8 +321,8 @@ def antisymmetric_divergence(jacobian: Float[Tensor, "n p d"]) -> Float[Tensor, 
 
 @lru_cache
 def _antisymmetric_operator(dim: int, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """The matrix (p·d, d) that takes the flattened Jacobian of the potentials to V."""
-    operator = torch.zeros(potentials(dim), dim, dim, dtype=dtype, device=device)
+    """Build the matrix, shape (p·d, d), that maps the flattened Jacobian of the potentials to V."""
+    operator = torch.zeros(potential_count(dim), dim, dim, dtype=dtype, device=device)
     pairs = [(0, 1)] if dim == 2 else [(1, 2), (2, 0), (0, 1)] if dim == 3 else list(combinations(range(dim), 2))
     for k, (i, j) in enumerate(pairs):
         operator[k, j, i] = 1

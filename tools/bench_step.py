@@ -28,7 +28,7 @@ from hydra.utils import instantiate
 
 from nsm.cli.configuration import CONF
 from nsm.cli.runtime import keep_freed_memory
-from nsm.losses import Evaluation
+from nsm.losses import BatchEvaluation
 from nsm.sampling import Batch
 from nsm.shapes import LandmarkPairs, SirenShape
 
@@ -122,7 +122,7 @@ def make_step(method: str, block: int, points: int = SURFACE + AMBIENT + INTERIO
     def step() -> None:
         optimizer.zero_grad()
         for batch in blocks:
-            total, _ = made["loss"](Evaluation(batch, field, velocity, landmarks, ends=ends))
+            total, _ = made["loss"](BatchEvaluation(batch, field, velocity, landmarks, ends=ends))
             (total / len(blocks)).backward()
         optimizer.step()
 

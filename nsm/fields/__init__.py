@@ -1,4 +1,4 @@
-"""Networks, and the fields made of them."""
+"""Networks, velocities, and the functions β."""
 
 from nsm.fields.beta import Beta, Gaussian, Quadratic, Quartic, Rational
 from nsm.fields.init import OfficialInit, OwnInit, SirenInit, SourceInit

@@ -1,104 +1,135 @@
-"""Functions β that switch the gradient part of an adaptive-divergence field off on the surface (paper, section 5.1).
+"""Functions β that suppress the gradient part of an adaptive-divergence velocity on the surface (paper, section 5.1).
 
-Every β is smooth, even, non-negative, and has β(0) = β'(0) = 0: that is all theorem 1 asks for.
+Every β is smooth, even, and non-negative with β(0) = β'(0) = 0, which is what theorem 1 requires.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from math import inf
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
-from nsm.cli.errors import InputError
+from nsm.cli.settings import positive
 
 
 class Beta(nn.Module, ABC):
-    """A function β of the signed distance s, of any shape, with its derivative."""
+    """A function β of the signed distance, together with its derivative."""
 
     @abstractmethod
-    def forward(self, s: Tensor) -> Tensor:
-        """β(s)."""
+    def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+        """Evaluate β at signed distances of any shape."""
 
     @abstractmethod
-    def derivative(self, s: Tensor) -> Tensor:
-        """β'(s)."""
+    def derivative(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+        """Evaluate β' at signed distances of any shape."""
 
 
 class Gaussian(Beta):
-    """β(s) = 1 − exp(−α s²), the paper's choice with α = 0.1; it tends to 1 far away.
+    """β(s) = 1 − exp(−α s²): the paper's choice, with α = 0.1, which tends to 1 far from the surface.
 
     Args:
-        alpha: how fast β grows, in 1/length².
+        alpha: Rate α, in 1/length².
+
+    Raises:
+        InputError: If ``alpha`` is not positive and finite.
+
+    Example:
+        >>> import torch
+        >>> from nsm.fields import Gaussian
+        >>> beta = Gaussian(alpha=0.1)
+        >>> beta(torch.tensor([0.0, 1.0, 100.0]))
+        tensor([0.0000, 0.0952, 1.0000])
     """
 
     def __init__(self, alpha: float = 0.1) -> None:
         super().__init__()
-        self.alpha = _positive("alpha", alpha)
+        self.alpha = positive("beta.alpha", alpha)
 
-    def forward(self, s: Tensor) -> Tensor:
+    def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return -torch.expm1(-self.alpha * s.square())
 
-    def derivative(self, s: Tensor) -> Tensor:
+    def derivative(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return 2 * self.alpha * s * torch.exp(-self.alpha * s.square())
 
 
 class Rational(Beta):
-    """β(s) = s² / (s² + w²): quadratic near the surface, tending to 1 slowly, with no exponential.
+    """β(s) = s² / (s² + w²): quadratic near the surface, and tends to 1 more slowly than `Gaussian`.
 
     Args:
-        width: the distance w at which β is one half.
+        width: Distance w at which β = ½.
+
+    Raises:
+        InputError: If ``width`` is not positive and finite.
+
+    Example:
+        >>> import torch
+        >>> from nsm.fields import Rational
+        >>> Rational(width=2.0)(torch.tensor([0.0, 2.0]))
+        tensor([0.0000, 0.5000])
     """
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__()
-        self.width = _positive("width", width)
+        self.width = positive("beta.width", width)
 
-    def forward(self, s: Tensor) -> Tensor:
+    def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return s.square() / (s.square() + self.width**2)
 
-    def derivative(self, s: Tensor) -> Tensor:
+    def derivative(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return 2 * s * self.width**2 / (s.square() + self.width**2).square()
 
 
 class Quartic(Beta):
-    """β(s) = s⁴ / (s⁴ + w⁴): flatter on the surface, where also β'' = 0 and the field stays free of divergence longer.
+    """β(s) = s⁴ / (s⁴ + w⁴): also β''(0) = 0, so the velocity is nearly divergence-free in a wider neighborhood.
 
     Args:
-        width: the distance w at which β is one half.
+        width: Distance w at which β = ½.
+
+    Raises:
+        InputError: If ``width`` is not positive and finite.
+
+    Example:
+        >>> import torch
+        >>> from nsm.fields import Quartic
+        >>> Quartic(width=2.0)(torch.tensor([0.0, 2.0]))
+        tensor([0.0000, 0.5000])
     """
 
     def __init__(self, width: float = 1.0) -> None:
         super().__init__()
-        self.width = _positive("width", width)
+        self.width = positive("beta.width", width)
 
-    def forward(self, s: Tensor) -> Tensor:
+    def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return s.pow(4) / (s.pow(4) + self.width**4)
 
-    def derivative(self, s: Tensor) -> Tensor:
+    def derivative(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return 4 * s.pow(3) * self.width**4 / (s.pow(4) + self.width**4).square()
 
 
 class Quadratic(Beta):
-    """β(s) = (s/w)²: the leading term of the paper's β, without the bound by 1.
+    """β(s) = (s/w)²: the leading term of the paper's β, which is not bounded by 1.
 
     Args:
-        width: the distance w at which β is one.
+        width: Distance w at which β = 1. The default, √10, matches `Gaussian` with α = 0.1 near the surface.
+
+    Raises:
+        InputError: If ``width`` is not positive and finite.
+
+    Example:
+        >>> import torch
+        >>> from nsm.fields import Quadratic
+        >>> Quadratic(width=2.0)(torch.tensor([0.0, 2.0]))
+        tensor([0., 1.])
     """
 
-    def __init__(self, width: float = 3.1622776601683795) -> None:
+    def __init__(self, width: float = 10**0.5) -> None:
         super().__init__()
-        self.width = _positive("width", width)
+        self.width = positive("beta.width", width)
 
-    def forward(self, s: Tensor) -> Tensor:
+    def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return (s / self.width).square()
 
-    def derivative(self, s: Tensor) -> Tensor:
+    def derivative(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return 2 * s / self.width**2
-
-
-def _positive(name: str, value: float) -> float:
-    if not 0 < value < inf:
-        raise InputError(f"beta.{name}={value} makes no β that vanishes at 0 alone: give a finite number above 0")
-    return float(value)

@@ -1,4 +1,4 @@
-"""Networks whose Lipschitz constant is known and can be asked to be small."""
+"""Networks with a learned bound on their Lipschitz constant."""
 
 from __future__ import annotations
 
@@ -15,18 +15,31 @@ from nsm.types import Jet
 
 
 class LipschitzMlp(ScalarNetwork):
-    """A tanh network each of whose layers has a learned bound softplus(c_l) on its Lipschitz constant.
+    """A tanh network in which every layer has a learned bound softplus(c_l) on its Lipschitz constant.
 
-    A row of W_l whose absolute sum exceeds the bound is scaled down to it,
-    Ŵ_l = W_l min(1, softplus(c_l) / Σ_j |W_lij|), so that ‖Ŵ_l‖_∞ ≤ softplus(c_l), and
-    |f(p) − f(q)| ≤ Π_l softplus(c_l) · ‖p − q‖_∞ for all p, q (Liu et al., Learning Smooth Neural Functions via
-    Lipschitz Regularization, SIGGRAPH 2022, section 5). Each c_l starts where the bound is the norm that W_l has, so
-    that nothing is scaled down at first.
+    Rows of W_l whose absolute sum exceeds the bound are scaled down to it,
+
+        Ŵ_l = W_l min(1, softplus(c_l) / Σ_j |W_lij|),
+
+    so that ‖Ŵ_l‖_∞ ≤ softplus(c_l) and |f(p) − f(q)| ≤ Π_l softplus(c_l) · ‖p − q‖_∞ for all p and q. Each c_l is
+    initialized so that the bound equals the norm of W_l, so no row is scaled at first.
 
     Args:
-        in_features: number of inputs k (space, or space and time last).
-        hidden_features: width of the hidden layers.
-        hidden_layers: how many there are.
+        in_features: Number of inputs k: the coordinates of space, followed by time where there is one.
+        hidden_features: Width of the hidden layers.
+        hidden_layers: Number of hidden layers.
+
+    References:
+        Liu et al., Learning Smooth Neural Functions via Lipschitz Regularization, SIGGRAPH 2022, section 5.
+        https://arxiv.org/abs/2202.08345
+
+    Example:
+        >>> import torch
+        >>> from nsm.fields import LipschitzMlp
+        >>> field = LipschitzMlp(in_features=4, hidden_features=16, hidden_layers=2)
+        >>> p, q = torch.rand(100, 4), torch.rand(100, 4)
+        >>> bool(((field(p) - field(q)).abs() <= field.bound * (p - q).abs().amax(1) + 1e-5).all())
+        True
     """
 
     def __init__(self, in_features: int, hidden_features: int = 128, hidden_layers: int = 6) -> None:
@@ -41,13 +54,13 @@ class LipschitzMlp(ScalarNetwork):
         self.raw_bounds = nn.Parameter(norms + torch.log(-torch.expm1(-norms)))
 
     @property
-    def bound(self) -> Tensor:
-        """Π_l softplus(c_l): no two values differ by more than this times the ∞-norm between their points."""
+    def bound(self) -> Float[Tensor, ""]:
+        """Bound Π_l softplus(c_l) on the Lipschitz constant of the network in the ∞-norm."""
         return F.softplus(self.raw_bounds).prod()
 
     @property
     def layers(self) -> calculus.Layers:
-        """The scaled weights and the biases, (Ŵ_1, b_1, …), as `nsm.calculus` takes them."""
+        """Scaled weights and biases, (Ŵ_1, b_1, …), as `nsm.calculus` takes them."""
         scaled: list[Tensor] = []
         for weight, bias, bound in zip(self.weights, self.biases, F.softplus(self.raw_bounds), strict=True):
             sums = weight.abs().sum(1, keepdim=True)

@@ -1,4 +1,4 @@
-"""What f(x, t) may be: a network with one output that knows its gradient."""
+"""The interface of networks that represent f(x, t)."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from abc import ABC, abstractmethod
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from nsm.cli.errors import InputError
 from nsm.types import Jet
 
 
 class ScalarNetwork(nn.Module, ABC):
-    """A scalar field made of a network.
+    """A scalar field represented by a network, with its gradient in closed form.
 
     Attributes:
-        in_features: number of inputs k (space, or space and time last).
-        hidden_features: width of the hidden layers.
-        hidden_layers: how many there are.
+        in_features: Number of inputs k: the coordinates of space, followed by time where there is one.
+        hidden_features: Width of the hidden layers.
+        hidden_layers: Number of hidden layers.
     """
 
     in_features: int
@@ -25,8 +26,18 @@ class ScalarNetwork(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, x: Float[Tensor, "n k"]) -> Float[Tensor, " n"]:
-        """Value (n,) at x (n, k)."""
+        """Evaluate the field at points of shape (n, k)."""
 
     @abstractmethod
     def jet(self, x: Float[Tensor, "n k"]) -> Jet:
-        """Value (n,) and gradient (n, k) at x (n, k)."""
+        """Evaluate the field and its gradient at points of shape (n, k)."""
+
+    def hessian(self, x: Float[Tensor, "n k"], directions: int) -> Float[Tensor, "n directions k"]:
+        """Evaluate second derivatives, one of the two along the first ``directions`` inputs.
+
+        Raises:
+            InputError: If the network has no closed-form Hessian, as for all networks but `ScalarSiren`.
+        """
+        raise InputError(
+            f"`field` must provide second derivatives for this velocity, got {type(self).__name__}. Try `field=siren`."
+        )

@@ -137,7 +137,7 @@ def read_morph(
     dim = source.dim
     layers = read_layers(field_file, inputs=(dim + 1,))
     field = ScalarSiren(dim + 1, *_size(layers), omega)
-    layers_v = read_layers(velocity_file, inputs=(dim + 1,), outputs=1 + calculus.potentials(dim))
+    layers_v = read_layers(velocity_file, inputs=(dim + 1,), outputs=1 + calculus.potential_count(dim))
     width, depth = _size(layers_v)
     network = partial(VectorSiren, hidden_features=width, hidden_layers=depth, omega=velocity_omega)
     velocity = AdaDiv(dim, network, Gaussian(alpha))

@@ -1,12 +1,15 @@
-"""Loss terms, and their weighted sum."""
+"""Loss terms, one module per equation, and their weighted sum."""
 
-from nsm.losses.base import Evaluation, Everywhere, OverBatch, Ramp, Term, WeightedSum
-from nsm.losses.boundary import AmbientDirichlet, EndVolume, Neumann, NormalAlignment, NormalMatch, SurfaceDirichlet
-from nsm.losses.divergence import Divergence
+from nsm.losses.base import Everywhere, OverBatch, Ramp, Term, WeightedSum
+from nsm.losses.dirichlet import AmbientDirichlet, SurfaceDirichlet
+from nsm.losses.divergence import Compression, Divergence
 from nsm.losses.eikonal import Eikonal, EndEikonal
-from nsm.losses.insd import Compression, LandmarkMatch, ModifiedLevelSet, Smoothness
-from nsm.losses.level_set import LevelSet
+from nsm.losses.end_volume import EndVolume
+from nsm.losses.evaluation import BatchEvaluation
+from nsm.losses.landmarks import LandmarkMatch
+from nsm.losses.level_set import LevelSet, ModifiedLevelSet
 from nsm.losses.lipschitz import LipschitzBound
+from nsm.losses.neumann import Neumann, NormalAlignment, NormalMatch
 from nsm.losses.official import (
     DecoupledEikonal,
     OfficialDirichlet,
@@ -14,16 +17,17 @@ from nsm.losses.official import (
     OfficialNeumann,
     OfficialSmoothness,
 )
+from nsm.losses.smoothness import Smoothness
 
 __all__ = [
     "AmbientDirichlet",
+    "BatchEvaluation",
     "Compression",
     "DecoupledEikonal",
     "Divergence",
     "Eikonal",
     "EndEikonal",
     "EndVolume",
-    "Evaluation",
     "Everywhere",
     "LandmarkMatch",
     "LevelSet",

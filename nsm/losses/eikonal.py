@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from jaxtyping import Float
 from torch import Tensor
 
-from nsm.losses.base import Evaluation, Term
+from nsm.losses.base import Term
+from nsm.losses.evaluation import BatchEvaluation
 
 
 class Eikonal(Term):
-    """‖∇f‖ = 1 at every point and time of the batch: f is a distance throughout."""
+    """‖∇f‖ − 1 at all points and times of the batch, so that f remains a signed distance.
 
-    def residual(self, evaluation: Evaluation) -> Tensor:
+    References:
+        Gropp et al., Implicit Geometric Regularization for Learning Shapes, ICML 2020.
+        https://arxiv.org/abs/2002.10099
+    """
+
+    def residual(self, evaluation: BatchEvaluation) -> Float[Tensor, " m"]:
         return evaluation.slope - 1
 
 
 class EndEikonal(Term):
-    """‖∇f‖ = 1 on and around the end shapes alone, at t = 0 and 1: on the way f is free."""
+    """‖∇f‖ − 1 on and around the end shapes only, at t = 0 and t = 1, as NISE requires."""
 
-    def residual(self, evaluation: Evaluation) -> Tensor:
+    def residual(self, evaluation: BatchEvaluation) -> Float[Tensor, " m"]:
         return evaluation.slope[: evaluation.batch.ambient.stop] - 1

@@ -1,21 +1,28 @@
-"""The penalty of Lipschitz networks (Liu et al., SIGGRAPH 2022, eq. 7)."""
+"""The Lipschitz bound of f."""
 
 from __future__ import annotations
 
+from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
 from nsm.fields.lipschitz import LipschitzMlp
-from nsm.losses.base import Evaluation, Term
+from nsm.losses.base import Term
+from nsm.losses.evaluation import BatchEvaluation
 
 
 class LipschitzBound(Term):
-    """The learned bound on the Lipschitz constant of f, as small as the data allow."""
+    """The learned bound on the Lipschitz constant of f, Π_l softplus(c_l).
 
-    def residual(self, evaluation: Evaluation) -> Tensor:
+    References:
+        Liu et al., Learning Smooth Neural Functions via Lipschitz Regularization, SIGGRAPH 2022, eq. 7.
+        https://arxiv.org/abs/2202.08345
+    """
+
+    def residual(self, evaluation: BatchEvaluation) -> Float[Tensor, 1]:
         if not isinstance(evaluation.field, LipschitzMlp):
             raise InputError(
-                f"loss.terms.lipschitz asks for a bound that {type(evaluation.field).__name__} does not have: choose "
-                "field=lipschitz"
+                f"`field` must be a Lipschitz network for this loss, got {type(evaluation.field).__name__}. Try "
+                "`field=lipschitz`."
             )
         return evaluation.field.bound[None]

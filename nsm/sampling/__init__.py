@@ -1,4 +1,4 @@
-"""Points to train on: pools of precomputed targets, and batches drawn from them."""
+"""Training points: pools of precomputed targets, and batches drawn from them."""
 
 from nsm.sampling.batch import Batch, Fractions, MorphSampler, SdfSampler
 from nsm.sampling.domain import Box, UniformTime

@@ -1,4 +1,4 @@
-"""Batches: points on the surfaces, around them, and inside space-time."""
+"""Batches of points on the end surfaces, around them, and inside space-time."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
@@ -14,37 +15,57 @@ from nsm.sampling.pools import Pools
 
 
 class Batch(NamedTuple):
-    """Points in the order surface, ambient, interior, with the targets known at the first two.
+    """Points in the order surface, ambient, interior, with targets for the first two groups.
 
     Attributes:
-        points: (n, k), in space-time (x, t) for a morph and in space for a still shape.
-        distances: signed distance (s + a,) at surface and ambient points, zero on the surface.
-        normals: unit normals (s, d) at the surface points.
+        points: Points (x, t) in space-time for a morph, or x in space for a still shape, shape (n, k).
+        distances: Signed distances at surface and ambient points, shape (s + a,); zero on the surface.
+        normals: Unit normals at surface points, shape (s, d).
+
+    Example:
+        >>> import torch
+        >>> from nsm.sampling import Batch
+        >>> batch = Batch(points=torch.rand(8, 4), distances=torch.zeros(4), normals=torch.rand(3, 3))
+        >>> batch.surface, batch.ambient, batch.interior
+        (slice(0, 3, None), slice(3, 4, None), slice(4, 8, None))
     """
 
-    points: Tensor
-    distances: Tensor
-    normals: Tensor
+    points: Float[Tensor, "n k"]
+    distances: Float[Tensor, " m"]
+    normals: Float[Tensor, "s d"]
 
     @property
     def surface(self) -> slice:
-        """The points on a surface."""
+        """Index range of the points on an end surface."""
         return slice(0, len(self.normals))
 
     @property
     def ambient(self) -> slice:
-        """The points around a shape, where its distance is known."""
+        """Index range of the points around an end shape, where its signed distance is known."""
         return slice(len(self.normals), len(self.distances))
 
     @property
     def interior(self) -> slice:
-        """The points of space-time where nothing is known but the equations."""
+        """Index range of the points without targets, where only the equations apply."""
         return slice(len(self.distances), len(self.points))
 
 
 @dataclass(frozen=True)
 class Fractions:
-    """How a batch is divided (the authors' code: a quarter, a quarter, and half inside space-time)."""
+    """The composition of a batch; the remainder consists of interior points.
+
+    Args:
+        surface: Fraction of points on the end surfaces. The code of the paper's authors uses 1/4.
+        ambient: Fraction of points around the end surfaces. The code of the paper's authors uses 1/4.
+
+    Raises:
+        InputError: If the fractions are negative or exceed 1 in total.
+
+    Example:
+        >>> from nsm.sampling import Fractions
+        >>> Fractions(surface=0.25, ambient=0.25).counts(5000)
+        (1250, 1250, 2500)
+    """
 
     surface: float = 0.25
     ambient: float = 0.25
@@ -52,26 +73,27 @@ class Fractions:
     def __post_init__(self) -> None:
         if not (self.surface >= 0 and self.ambient >= 0 and self.surface + self.ambient <= 1):
             raise InputError(
-                f"sampler.fractions has surface={self.surface} and ambient={self.ambient}: give two parts of 1, such "
-                "as 0.25 and 0.25"
+                "`sampler.fractions` must be non-negative with a sum of at most 1, got "
+                f"surface={self.surface} and ambient={self.ambient}. Try `sampler.fractions.surface=0.25` and "
+                "`sampler.fractions.ambient=0.25`."
             )
 
     def counts(self, size: int) -> tuple[int, int, int]:
-        """Numbers of surface, ambient and interior points in a batch of ``size``."""
+        """Count the surface, ambient, and interior points in a batch of ``size`` points."""
         surface = round(self.surface * size)
         ambient = min(round(self.ambient * size), size - surface)
         return surface, ambient, size - surface - ambient
 
 
 class MorphSampler:
-    """Draws batches for a morph: half of the known points from the source at t = 0, half from the target at t = 1.
+    """A sampler of batches for a morph, with equal numbers of points from the source (t = 0) and the target (t = 1).
 
     Args:
-        source, target: pools of known points.
-        box: where interior points are drawn.
-        time: when.
-        size: points in a batch.
-        fractions: how they are divided.
+        source, target: Pools of points with known targets.
+        box: Distribution of interior points in space.
+        time: Distribution of interior points in time.
+        size: Number of points in a batch.
+        fractions: Composition of a batch.
     """
 
     def __init__(
@@ -81,7 +103,7 @@ class MorphSampler:
         self.counts = fractions.counts(size)
 
     def draw(self, generator: torch.Generator) -> Batch:
-        """One batch."""
+        """Draw a batch."""
         surface, ambient, interior = self.counts
         on = [pools.surface(n, generator) for pools, n in zip(self.ends, _halves(surface), strict=True)]
         around = [pools.ambient(n, generator) for pools, n in zip(self.ends, _halves(ambient), strict=True)]
@@ -95,13 +117,13 @@ class MorphSampler:
 
 
 class SdfSampler:
-    """Draws batches for one still shape: points on it and around it, none of space-time.
+    """A sampler of batches for a single still shape, without time.
 
     Args:
-        pools: the known points.
-        box: where the points without a known distance are drawn (Eikonal only).
-        size: points in a batch.
-        fractions: how they are divided.
+        pools: Pools of points with known targets.
+        box: Distribution of interior points, which serve the Eikonal term.
+        size: Number of points in a batch.
+        fractions: Composition of a batch.
     """
 
     def __init__(self, pools: Pools, box: Box, size: int, fractions: Fractions) -> None:
@@ -109,7 +131,7 @@ class SdfSampler:
         self.counts = fractions.counts(size)
 
     def draw(self, generator: torch.Generator) -> Batch:
-        """One batch."""
+        """Draw a batch."""
         surface, ambient, interior = self.counts
         on, around = self.pools.surface(surface, generator), self.pools.ambient(ambient, generator)
         points = torch.cat([on.points, around.points, self.box.draw(interior, generator)])

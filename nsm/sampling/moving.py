@@ -1,4 +1,4 @@
-"""Points on the surface of f, which is known only while it is being learned."""
+"""Points on the surface of f, which moves while f is being trained."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from nsm.cli.errors import InputError
 from nsm.sampling.batch import Batch
 from nsm.types import Jet, SignedDistance
 
-#: ‖∇f‖² is not taken smaller than this when a point is moved to the surface.
-_LEAST_SLOPE = 0.05
+#: Lower bound on ‖∇f‖² when a point is projected to the surface.
+_MIN_SQUARED_SLOPE = 0.05
 
 
 class SurfacePoints(nn.Module):
-    """Points (x, t) on the surface {f(·, t) = 0} as one step leaves them for the next.
+    """Points (x, t) on the surface {f(·, t) = 0}, updated in each training step for the next.
 
-    They are part of the state, so that a resumed run goes on with the same ones.
+    They belong to the state of the module, so that a resumed run continues with the same points.
 
     Args:
         dim: Dimension d of space.
-        size: How many points are kept.
+        size: Number of points to keep.
     """
 
     points: Tensor
@@ -37,47 +37,50 @@ class SurfacePoints(nn.Module):
 
     @property
     def ready(self) -> bool:
-        """Whether any point has been found."""
+        """Whether any point on the surface has been found."""
         return len(self) > 0 and bool(self.found)
 
     def keep(self, points: Float[Tensor, "n k"]) -> None:
-        """Keep the first of some points (n, d + 1), repeated if there are too few; the old ones if there is none."""
+        """Store the first of some points, shape (n, d + 1), cyclically if too few; without any, keep the old ones."""
         if len(self) and len(points):
             self.points.copy_(points[torch.arange(len(self), device=points.device) % len(points)])
             self.found.fill_(True)
 
 
 class MovingSurface(SurfacePoints):
-    """Draws a part of the interior points around the moving surface, where volume is won or lost.
+    """A sampler that moves a fraction of the interior points near the moving surface, where volume changes.
 
-    Each step moves its interior points with |f| < reach to the surface, x − f ∇f / ‖∇f‖², by the jet that it computes
-    anyway; the next step draws around them. Points that were drawn afresh from space and time come first and the oldest
-    leave, so that a new piece of the surface is found wherever and whenever it appears.
+    Each step projects its interior points with |f| < reach to the surface, x − f ∇f / ‖∇f‖², using the jet that it
+    computes anyway, and the next step draws points around them. Newly drawn points take precedence and replace the
+    oldest, so that a new component of the surface is found at any place and time.
 
     Args:
         dim: Dimension d of space.
-        interior: Interior points in a batch.
-        fraction: Part of them drawn around the surface.
-        width: Half the edge of the cube around a surface point in which one is drawn, a length.
-        reach: Largest |f| at which a point is moved to the surface, a length.
+        interior: Number of interior points in a batch.
+        fraction: Fraction of them drawn near the surface.
+        width: Half the edge of the cube around a surface point in which a point is drawn, in length.
+        reach: Largest |f| at which a point is projected to the surface, in length.
+
+    Raises:
+        InputError: If ``fraction`` is not in [0, 1].
     """
 
     def __init__(self, dim: int, interior: int, fraction: float, width: float, reach: float) -> None:
-        super().__init__(dim, round(_part("near.fraction", fraction) * interior))
+        super().__init__(dim, round(_fraction("near.fraction", fraction) * interior))
         self.dim, self.width, self.reach = dim, float(width), float(reach)
 
     def place(self, batch: Batch, half_width: float) -> Batch:
-        """Move the last interior points of a batch next to the surface.
+        """Move the last interior points of a batch near the surface.
 
         Args:
-            batch: Its interior points are uniform in [−half_width, half_width]^d; the draw that a point loses becomes
-                its offset from the surface, so nothing else needs to be drawn.
+            batch: A batch whose interior points are uniform in [−half_width, half_width]^d. The position that a point
+                loses, scaled, becomes its offset from the surface, so that no further random numbers are needed.
             half_width: Half the edge of the training box.
         """
         if not self.ready:
             return batch
         points = batch.points.clone()
-        moved = points[len(points) - len(self) :]  # a view: written through
+        moved = points[len(points) - len(self) :]  # a view into points
         offset = moved[:, : self.dim] * (self.width / half_width)
         moved.copy_(self.points)
         moved[:, : self.dim] += offset
@@ -85,35 +88,39 @@ class MovingSurface(SurfacePoints):
 
     @torch.no_grad()
     def follow(self, batch: Batch, f: Jet) -> None:
-        """Take the surface points next to the interior points of a batch, where f has the jet given."""
+        """Store the projections of interior points to the surface, given the jet of f at the interior points."""
         on, _ = _onto_surface(batch.points[batch.interior], f, self.reach)
         self.keep(on)
 
 
 class EndSurfaces(SurfacePoints):
-    """Puts ambient points on f's own surface at t = 0 and t = 1, with their distance to the shape there.
+    """A sampler that moves ambient points to f's own surface at t = 0 and t = 1, with their distance to the end shape.
 
-    A piece of one shape that is left over at the other's end lies far from all points of the other's surface: only such
-    points see it. Half of those kept are the ones that are farthest from the shape, so that a small leftover holds
-    points until it is gone. It usually lies where the shape is at another time, so some more ambient points are
-    visitors: points of the moving surface, looked at at t = 0 or t = 1.
+    A component of f that does not belong to the end shape lies far from all points sampled around that shape, so only
+    points on f's own surface detect it. Half of the stored points are those farthest from the end shape, so that a
+    small spurious component keeps its points until it disappears. Such a component usually lies where the shape is at
+    other times; some further ambient points are therefore *visitors*, points of the moving surface at other times
+    evaluated at t = 0 or t = 1.
 
     Args:
         dim: Dimension d of space.
-        ambient: Ambient points in a batch.
-        own: Part of them around f's own surface.
-        visitors: Part of them taken from the moving surface.
-        width: Half the edge of the cube around a point of f's own surface in which one is drawn, a length.
-        reach: Largest |f| at which a point is moved to the surface, a length.
+        ambient: Number of ambient points in a batch.
+        own: Fraction of them around f's own surface.
+        visitors: Fraction of them taken from the moving surface.
+        width: Half the edge of the cube around a point of f's own surface in which a point is drawn, in length.
+        reach: Largest |f| at which a point is projected to the surface, in length.
+
+    Raises:
+        InputError: If ``own`` or ``visitors`` is not in [0, 1].
     """
 
     chosen: Tensor
 
     def __init__(self, dim: int, ambient: int, own: float, visitors: float, width: float, reach: float) -> None:
-        super().__init__(dim, round(_part("ends.own", own) * ambient))
+        super().__init__(dim, round(_fraction("ends.own", own) * ambient))
         self.dim, self.width, self.reach = dim, float(width), float(reach)
-        self.visitors = min(round(_part("ends.visitors", visitors) * ambient), ambient - len(self))
-        # a fixed shuffle, so that both ends lose as many of their drawn points
+        self.visitors = min(round(_fraction("ends.visitors", visitors) * ambient), ambient - len(self))
+        # a fixed permutation, so that both ends lose equally many of their sampled points
         order = torch.randperm(ambient, generator=torch.Generator().manual_seed(0))
         self.register_buffer("chosen", order[: len(self) + self.visitors], persistent=False)
 
@@ -121,10 +128,10 @@ class EndSurfaces(SurfacePoints):
     def place(
         self, batch: Batch, moving: SurfacePoints, half_width: float, source: SignedDistance, target: SignedDistance
     ) -> Batch:
-        """Replace ambient points of a batch by points of f's own surface and by visitors, with their distances.
+        """Replace ambient points of a batch by points near f's own surface and by visitors, with their distances.
 
         Args:
-            batch: Its interior points are uniform in [−half_width, half_width]^d.
+            batch: A batch whose interior points are uniform in [−half_width, half_width]^d.
             moving: Points of the moving surface.
             half_width: Half the edge of the training box.
             source, target: Signed distances of the end shapes.
@@ -142,16 +149,16 @@ class EndSurfaces(SurfacePoints):
 
     @torch.no_grad()
     def follow(self, batch: Batch, f: Jet) -> None:
-        """Take the surface points next to the ambient points of a batch, where f has the jet given at all points."""
+        """Store the projections of ambient points to the surface, given the jet of f at all points of the batch."""
         ambient = batch.ambient
         on, close = _onto_surface(batch.points[ambient], Jet(*(part[ambient] for part in f)), self.reach)
         farthest = batch.distances[ambient][close].abs().argsort(descending=True)
-        hard, rest = farthest.split([half := min(len(on), len(self) // 2), len(on) - half])
+        far, rest = farthest.split([half := min(len(on), len(self) // 2), len(on) - half])
         evenly = torch.linspace(0, max(len(rest) - 1, 0), min(len(rest), len(self) - half)).long()
-        self.keep(on[torch.cat([hard, rest[evenly.to(rest.device)]])])
+        self.keep(on[torch.cat([far, rest[evenly.to(rest.device)]])])
 
     def _around(self, batch: Batch, half_width: float) -> Float[Tensor, "n k"]:
-        """The points that are kept, moved about by what the first interior points were drawn with."""
+        """Offset the stored points at random, by the scaled positions of the first interior points."""
         if not self.ready:
             return self.points[:0]
         around = self.points.clone()
@@ -160,7 +167,7 @@ class EndSurfaces(SurfacePoints):
         return around
 
     def _visiting(self, moving: SurfacePoints) -> Float[Tensor, "m k"]:
-        """Points of the moving surface, at t = 0 and 1 in turn."""
+        """Take points of the moving surface and set their times to 0 and 1 alternately."""
         if not moving.ready:
             return self.points[:0]
         turn = torch.arange(self.visitors, device=self.points.device)
@@ -170,16 +177,16 @@ class EndSurfaces(SurfacePoints):
 
 
 def _onto_surface(p: Float[Tensor, "n k"], f: Jet, reach: float) -> tuple[Float[Tensor, "m k"], Bool[Tensor, " n"]]:
-    """The points with |f| < reach, moved to the surface at their own time; and which of the n they are."""
+    """Project the points with |f| < reach to the surface at their own time, and mark which of the n points they are."""
     close = f.value.abs() < reach
     space = slice(0, p.shape[1] - 1)
     gradient = f.gradient[close, space]
     on = p[close].clone()
-    on[:, space] -= (f.value[close] / gradient.square().sum(1).clamp(min=_LEAST_SLOPE))[:, None] * gradient
+    on[:, space] -= (f.value[close] / gradient.square().sum(1).clamp(min=_MIN_SQUARED_SLOPE))[:, None] * gradient
     return on, close
 
 
-def _part(name: str, value: float) -> float:
+def _fraction(name: str, value: float) -> float:
     if not 0 <= value <= 1:
         raise InputError(f"`sampler.{name}` must be a fraction between 0 and 1, got {value}. Try `sampler.{name}=0.3`.")
     return float(value)

@@ -71,7 +71,7 @@ def solenoidal(net: VectorSiren, dim: int, point: Tensor) -> Tensor:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_divergence_of_an_antisymmetric_matrix_field_has_no_divergence(dim: int) -> None:
-    net, x = network(dim + 1, calculus.potentials(dim)), points(20, dim + 1)
+    net, x = network(dim + 1, calculus.potential_count(dim)), points(20, dim + 1)
     gradient = vmap(jacrev(lambda p: solenoidal(net, dim, p)))(x)[:, :, :dim]
     assert gradient.abs().max() > 0.01
     assert calculus.divergence(gradient).abs().max() < 1e-13 * gradient.abs().max() * 10
@@ -92,4 +92,4 @@ def test_in_two_dimensions_it_is_the_skew_gradient() -> None:
 
 @pytest.mark.parametrize(("dim", "count"), [(2, 1), (3, 3), (4, 6)])
 def test_an_antisymmetric_matrix_has_as_many_potentials_as_pairs(dim: int, count: int) -> None:
-    assert calculus.potentials(dim) == count
+    assert calculus.potential_count(dim) == count

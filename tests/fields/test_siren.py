@@ -1,4 +1,4 @@
-"""Sine networks: the function they compute, where their weights start, and how weights move between frequencies."""
+"""Sine networks: the function they compute, their initial weights, and how weights move between frequencies."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def test_one_frequency_means_the_same_for_all_layers() -> None:
     torch.testing.assert_close(one(x), each(x), rtol=0, atol=0)
 
 
-def test_as_many_frequencies_as_layers_or_a_sentence_that_says_so() -> None:
-    with pytest.raises(ValueError, match="omega has 2 values for 3 hidden layers: give one number, or one a layer"):
+def test_a_list_of_frequencies_must_have_one_for_each_layer() -> None:
+    with pytest.raises(ValueError, match="`omega` must be one number or 3 numbers, one for each hidden layer, got 2"):
         ScalarSiren(3, 8, 3, omega=[30.0, 10.0])
 
 
@@ -82,7 +82,7 @@ def test_activations_keep_their_spread_from_layer_to_layer() -> None:
             assert h.std().item() == pytest.approx(0.5**0.5, rel=0.1)
 
 
-def test_initialisation_follows_the_seed() -> None:
+def test_initialization_follows_the_seed() -> None:
     torch.manual_seed(3)
     first = Siren(3, 1, 8, 2).state_dict()
     torch.manual_seed(3)

@@ -221,7 +221,7 @@ def test_code_hidden_in_a_file_does_not_run(place: str, file: Path, tmp_path: Pa
         "nsm.io.checkpoint.Path",
         "nsm.io.mesh.write_mesh",
         "nsm.losses.LevelSet",
-        "nsm.fields.velocity.nn.Linear",
+        "nsm.fields.velocity.base.nn.Linear",
         "nsm.train.callbacks.Checkpoints",
         "nsm.no_such_module.Thing",
         "nsm",

@@ -13,10 +13,10 @@ from nsm.cli.configuration import CONF
 from nsm.fields import AdaDiv, Free, Gaussian, LipschitzMlp, Nise, NullDiv, ScalarSiren, VectorSiren, Velocity
 from nsm.losses import (
     AmbientDirichlet,
+    BatchEvaluation,
     DecoupledEikonal,
     Divergence,
     Eikonal,
-    Evaluation,
     LevelSet,
     Neumann,
     NormalAlignment,
@@ -36,7 +36,7 @@ LOSSES = sorted(p.stem for p in (CONF / "loss").glob("*.yaml"))
 BOUNDARY = [AmbientDirichlet, SurfaceDirichlet, OfficialDirichlet, NormalAlignment]
 
 
-class Exact(Evaluation):
+class Exact(BatchEvaluation):
     """An evaluation whose jets and velocities are given, in place of networks."""
 
     def __init__(self, batch: Batch, f: Jet, velocity: Tensor | None = None, divergence: Tensor | None = None) -> None:
@@ -73,7 +73,7 @@ def exactly(motion: ExactMotion, n: int = 60) -> Exact:
     return Exact(batch, jet, motion.velocity(inside, t), motion.divergence(inside, t))
 
 
-def networks(velocity: type[Velocity] = Free, n: int = 40, dim: int = 3) -> Evaluation:
+def networks(velocity: type[Velocity] = Free, n: int = 40, dim: int = 3) -> BatchEvaluation:
     """Random networks and a random batch."""
     field = ScalarSiren(dim + 1, 8, 2, omega=3.0).double()
 
@@ -86,7 +86,7 @@ def networks(velocity: type[Velocity] = Free, n: int = 40, dim: int = 3) -> Eval
         torch.rand(n, dim + 1, dtype=torch.float64) * 2 - 1, torch.randn(n // 2, dtype=torch.float64), normals
     )
     ends = Ball(0.4, (0.0,) * dim).double(), Ball(0.3, (0.1,) * dim).double()
-    return Evaluation(batch, field, moving.double(), ends=ends)
+    return BatchEvaluation(batch, field, moving.double(), ends=ends)
 
 
 @pytest.mark.parametrize("name", sorted(MOTIONS))
@@ -105,7 +105,7 @@ def test_an_exact_motion_has_no_residual_in_any_term_that_it_satisfies(name: str
         assert term(weight=1, power=1)(evaluation) < 1e-9, term
 
 
-def test_a_term_notices_what_is_not_so() -> None:
+def test_a_term_is_positive_where_its_equation_does_not_hold() -> None:
     evaluation = exactly(MOTIONS["squashed_ball"](3))
     assert Eikonal(1)(evaluation) > 1e-3
     assert NormalMatch(1)(evaluation) > 1e-3
@@ -161,7 +161,7 @@ def test_the_decoupled_eikonal_is_the_mean_over_the_accidental_square() -> None:
     torch.testing.assert_close(DecoupledEikonal(1)(evaluation), naive)
 
 
-def test_the_decoupled_eikonal_makes_nothing_of_that_size() -> None:
+def test_the_decoupled_eikonal_allocates_no_square_array() -> None:
     n = 300_000  # squared, in single precision, 335 GiB
     batch = Batch(torch.zeros(n, 3), torch.zeros(2), torch.ones(1, 2))
     assert DecoupledEikonal(1)(Exact(batch, Jet(torch.rand(n), torch.rand(n, 3)))).isfinite()
@@ -175,18 +175,20 @@ def test_the_papers_preset_takes_absolute_values() -> None:
     torch.testing.assert_close(terms["level_set"](evaluation), expected)
 
 
-def suited_to(name: str) -> Evaluation:
+def suited_to(name: str) -> BatchEvaluation:
     """Networks that a preset can be used with."""
     if name == "lipschitz":
-        return Evaluation(networks().batch, LipschitzMlp(4, 8, 2).double())
+        return BatchEvaluation(networks().batch, LipschitzMlp(4, 8, 2).double())
     if name.startswith("nise"):
         evaluation, velocity = networks(), Nise(3)
         velocity.attach(evaluation.field, lambda x: x.norm(dim=1) - 0.5)
-        return Evaluation(evaluation.batch, evaluation.field, velocity, ends=evaluation._ends)
+        return BatchEvaluation(evaluation.batch, evaluation.field, velocity, ends=evaluation._ends)
     if name.endswith("insd"):
         evaluation = networks(Free)
         pairs = LandmarkPairs(*(torch.rand(5, 3, dtype=torch.float64) for _ in range(2)))
-        return Evaluation(evaluation.batch, evaluation.field, evaluation._moving(), pairs, ends=evaluation._ends)
+        return BatchEvaluation(
+            evaluation.batch, evaluation.field, evaluation._required_velocity(), pairs, ends=evaluation._ends
+        )
     return networks(AdaDiv)
 
 
@@ -215,10 +217,10 @@ def test_every_term_lets_a_gradient_reach_f(term: type[Term]) -> None:
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_gradient_of_the_divergence_penalty_is_its_difference_quotient(velocity: type[Velocity], dim: int) -> None:
     evaluation = networks(velocity, dim=dim)
-    moving, penalty = evaluation._moving(), Divergence(1.0)
+    moving, penalty = evaluation._required_velocity(), Divergence(1.0)
 
     def loss() -> Tensor:
-        return penalty(Evaluation(evaluation.batch, evaluation.field, moving))
+        return penalty(BatchEvaluation(evaluation.batch, evaluation.field, moving))
 
     parameters = list(moving.parameters())
     gradients = torch.autograd.grad(loss(), parameters, materialize_grads=True)
@@ -234,14 +236,14 @@ def test_the_gradient_of_the_divergence_penalty_is_its_difference_quotient(veloc
     assert all(g.abs().sum() > 0 for g in gradients[:-1])
 
 
-def test_a_null_divergence_field_pays_no_penalty() -> None:
+def test_a_divergence_free_velocity_has_no_divergence_penalty() -> None:
     assert Divergence(1)(networks(NullDiv)) == 0
 
 
-def test_a_term_that_needs_a_velocity_says_so_where_nothing_moves() -> None:
+def test_a_term_that_contains_the_velocity_needs_one() -> None:
     evaluation = networks()
-    still = Evaluation(evaluation.batch, evaluation.field)
-    with pytest.raises(ValueError, match="needs a velocity field, and a still shape has none: remove the term"):
+    still = BatchEvaluation(evaluation.batch, evaluation.field)
+    with pytest.raises(ValueError, match=r"`velocity` must be set.*got none. Try `velocity=adadiv`"):
         WeightedSum({"level_set": LevelSet(1)})(still)
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.func import hessian, jacrev, vmap
 
 from nsm.fields import AdaDiv, Free, Gaussian, Nise, ScalarSiren, VectorSiren, Velocity
-from nsm.losses import Evaluation, Everywhere, LevelSet, OfficialNeumann
+from nsm.losses import BatchEvaluation, Everywhere, LevelSet, OfficialNeumann
 from nsm.sampling import Batch, Box, Fractions, MorphSampler, UniformTime
 from nsm.shapes import Ball
 from nsm.train.tasks import draw_pools
@@ -25,7 +25,7 @@ KNOWN = SURFACE + AMBIENT
 class Problem(NamedTuple):
     """Networks, end shapes, a batch, and all that the formulas speak of at its points, found by autograd."""
 
-    evaluation: Evaluation
+    evaluation: BatchEvaluation
     f: Tensor
     rate: Tensor
     gradient: Tensor
@@ -63,7 +63,7 @@ def made(moving: Velocity) -> Problem:
     batch = Batch(p, distances.detach(), F.normalize(gradients[:SURFACE], dim=1))
     moving.attach(field, target)
     jacobian = vmap(jacrev(lambda q: field(q[None])[0]))(p)
-    evaluation = Evaluation(batch, field, moving.double(), ends=(source, target))
+    evaluation = BatchEvaluation(batch, field, moving.double(), ends=(source, target))
     return Problem(evaluation, field(p), jacobian[:, 3], jacobian[:, :3], distances, gradients, target(x))
 
 
@@ -89,7 +89,7 @@ def terms(overrides: str, problem: Problem) -> dict[str, Tensor]:
 def test_the_official_loss_is_what_the_authors_code_computes(velocity: type[Velocity]) -> None:
     problem = made(AdaDiv(3, network, Gaussian(0.3)) if velocity is AdaDiv else Free(3, network))
     f, p = problem.f, problem.evaluation.batch.points
-    moving, jet = problem.evaluation._moving(), problem.evaluation.f
+    moving, jet = problem.evaluation._required_velocity(), problem.evaluation.f
     along = (problem.gradient * moving(p, jet)).sum(1)
     attached = (f[:KNOWN] - problem.distances).square() * torch.exp(-f[:KNOWN].square())
     near = torch.exp(-f.square()).mean()
@@ -121,7 +121,7 @@ def test_the_official_nise_is_what_the_authors_code_computes() -> None:
 
 def test_insd_without_landmarks_is_what_the_authors_code_computes() -> None:
     problem = made(Free(3, network))
-    net, p = problem.evaluation._moving().network, problem.evaluation.batch.points
+    net, p = problem.evaluation._required_velocity().network, problem.evaluation.batch.points
 
     def value(q: Tensor) -> Tensor:
         return net(q[None])[0]
@@ -169,7 +169,7 @@ def test_a_batch_of_a_sampler_knows_the_gradients_of_its_end_shapes() -> None:
     pools = [draw_pools(shape, 100, seed=0) for shape in ends]
     sampler = MorphSampler(*pools, Box(3, 1.5), UniformTime(), 40, Fractions())
     batch = sampler.draw(torch.Generator().manual_seed(0))
-    known = Evaluation(batch, ScalarSiren(4, 8, 2), ends=ends).known_gradients
+    known = BatchEvaluation(batch, ScalarSiren(4, 8, 2), ends=ends).known_gradients
     centers = torch.where(batch.points[:20, 3:] == 0, torch.tensor([0.2, 0.0, 0.0]), torch.zeros(3))
     torch.testing.assert_close(known, F.normalize(batch.points[:20, :3] - centers, dim=1), atol=1e-4, rtol=0)
 
@@ -177,4 +177,4 @@ def test_a_batch_of_a_sampler_knows_the_gradients_of_its_end_shapes() -> None:
 def test_a_term_that_needs_the_end_shapes_says_so() -> None:
     evaluation = made(Nise(3)).evaluation
     with pytest.raises(ValueError, match="needs the end shapes, and none are given"):
-        OfficialNeumann(1.0)(Evaluation(evaluation.batch, evaluation.field))
+        OfficialNeumann(1.0)(BatchEvaluation(evaluation.batch, evaluation.field))

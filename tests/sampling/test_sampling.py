@@ -1,4 +1,4 @@
-"""Batches: their parts, where and when their points lie, and that they are the same in every run."""
+"""Batches: their composition, the distribution of their points, and reproducibility."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def test_the_parts_of_a_batch_add_up(size: int, fractions: tuple[float, float]) 
 
 
 @pytest.mark.parametrize(("surface", "ambient"), [(0.8, 0.8), (-0.1, 0.5), (0.5, -0.1), (float("nan"), 0.1)])
-def test_fractions_that_are_no_parts_of_one_are_refused(surface: float, ambient: float) -> None:
-    with pytest.raises(InputError, match=r"sampler.fractions has surface=.* give two parts of 1"):
+def test_fractions_must_be_non_negative_with_a_sum_of_at_most_one(surface: float, ambient: float) -> None:
+    with pytest.raises(InputError, match=r"`sampler.fractions` must be .*, got surface=.* Try"):
         Fractions(surface, ambient)
 
 
@@ -121,7 +121,7 @@ def test_ranks_see_different_points() -> None:
     assert not any(torch.equal(a, b) for a in stream(rank=0) for b in stream(rank=1))
 
 
-def test_a_stream_that_begins_later_goes_on_where_it_was() -> None:
+def test_a_resumed_stream_continues_where_it_stopped() -> None:
     assert all(torch.equal(a, b) for a, b in zip(stream()[2:], stream(step=2)[:2], strict=True))
     assert all(torch.equal(a, b) for a, b in zip(stream()[2:], stream(step=1, accumulate=2)[:2], strict=True))
 
@@ -136,14 +136,14 @@ def test_validation_sees_one_batch_that_never_changes() -> None:
     assert not torch.equal(first[0].points, other[0].points)
 
 
-def test_a_box_smaller_than_that_of_the_shapes_is_refused() -> None:
-    with pytest.raises(InputError, match=r"sampler.box.half_width=0.5 leaves out part of .*: give 1 or more"):
+def test_a_box_must_contain_the_shapes() -> None:
+    with pytest.raises(InputError, match=r"`sampler.box.half_width` must be at least 1 .*, got 0.5. Try"):
         Box(3, 0.5)
 
 
 @pytest.mark.parametrize(("start", "stop"), [(1.0, 0.0), (0.5, 0.5), (float("nan"), 1.0)])
-def test_times_that_run_backwards_are_refused(start: float, stop: float) -> None:
-    with pytest.raises(InputError, match=r"sampler.time has start=.*: give a start before the stop"):
+def test_the_start_must_precede_the_stop(start: float, stop: float) -> None:
+    with pytest.raises(InputError, match=r"`sampler.time.start` must be less than .*, got .* Try"):
         UniformTime(start, stop)
 
 
@@ -203,7 +203,7 @@ def test_points_near_the_surface_have_fresh_times() -> None:
     assert not torch.isin(near.points[:, -1], before).any()
 
 
-def test_a_piece_that_is_born_elsewhere_is_found() -> None:
+def test_a_component_that_appears_elsewhere_is_found() -> None:
     near = moving()
     after_steps(near, 20, disk_jet)
     assert (near.points[:, :2] > -0.7).all()
@@ -211,7 +211,7 @@ def test_a_piece_that_is_born_elsewhere_is_found() -> None:
     assert (near.points[:, :2] < -0.7).all(1).any()
 
 
-def test_where_no_surface_is_in_reach_the_last_one_stays() -> None:
+def test_points_stay_where_no_surface_is_in_reach() -> None:
     near = moving()
     after_steps(near, 5, disk_jet)
     before = near.points.clone()
@@ -226,7 +226,7 @@ def test_without_a_fraction_nothing_moves() -> None:
 
 
 @pytest.mark.parametrize("fraction", [-0.1, 1.1, float("nan")])
-def test_a_fraction_that_is_none_is_refused(fraction: float) -> None:
+def test_a_fraction_must_lie_between_0_and_1(fraction: float) -> None:
     with pytest.raises(InputError, match=r"`sampler.near.fraction` must be .* got .* Try"):
         moving(fraction)
     with pytest.raises(InputError, match=r"`sampler.ends.own` must be .* got .* Try"):
@@ -255,7 +255,7 @@ def test_ambient_points_on_the_surface_of_f_carry_their_distance_to_the_shape() 
     torch.testing.assert_close(two_disks_jet(ends.points).value, torch.zeros(100), atol=1e-5, rtol=0)
 
 
-def test_half_of_the_points_on_the_surface_of_f_keep_to_what_is_left_over() -> None:
+def test_half_of_the_points_on_the_surface_of_f_stay_on_spurious_components() -> None:
     ends, batch, _ = with_leftover(10)
     left_over = batch.distances[batch.ambient][ends.chosen[:100]] > 0.3
     assert 0.45 < left_over.float().mean() < 0.8

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
-from nsm.losses import Evaluation, WeightedSum
+from nsm.losses import BatchEvaluation, WeightedSum
 from nsm.sampling import Batch
 
 
@@ -43,11 +43,11 @@ class FieldTask(L.LightningModule):
         #: Plain values that a checkpoint carries under ``nsm`` (`nsm.io.checkpoint.describe`).
         self.description: dict[str, Any] = {}
 
-    def evaluation(self, batch: Batch) -> Evaluation:
+    def evaluation(self, batch: Batch) -> BatchEvaluation:
         """The networks at the points of a batch."""
         raise NotImplementedError
 
-    def learn_from(self, evaluation: Evaluation) -> None:
+    def learn_from(self, evaluation: BatchEvaluation) -> None:
         """Take from an evaluation what the next batch needs; nothing by default."""
 
     def training_step(self, batch: Batch, index: int) -> Tensor:

@@ -9,7 +9,7 @@ from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
 from nsm.cli.errors import InputError
-from nsm.losses import Evaluation, WeightedSum
+from nsm.losses import BatchEvaluation, WeightedSum
 from nsm.metrics import VolumeCurve
 from nsm.morphs.neural import NeuralMorph
 from nsm.sampling import Batch, Box, EndSurfaces, MovingSurface
@@ -79,7 +79,7 @@ class MorphTask(FieldTask):
         morph.source.requires_grad_(False)
         morph.target.requires_grad_(False)
 
-    def evaluation(self, batch: Batch) -> Evaluation:
+    def evaluation(self, batch: Batch) -> BatchEvaluation:
         """f and V at the points of a batch."""
         morph = self.morph
         near = self.near.place(batch, self.box.half_width)
@@ -88,9 +88,9 @@ class MorphTask(FieldTask):
         known = self.landmarks and LandmarkPairs(*(points.to(placed.points) for points in self.landmarks))
         progress = self.global_step / self.trainer.max_steps
         ends = morph.source, morph.target
-        return Evaluation(placed, morph.field, morph.velocity_field, known, progress, ends)
+        return BatchEvaluation(placed, morph.field, morph.velocity_field, known, progress, ends)
 
-    def learn_from(self, evaluation: Evaluation) -> None:
+    def learn_from(self, evaluation: BatchEvaluation) -> None:
         """Follow the surface."""
         self.near.follow(evaluation.batch, evaluation.interior)
         self.ends.follow(evaluation.batch, evaluation.f)

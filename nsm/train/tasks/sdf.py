@@ -10,7 +10,7 @@ from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
 from nsm.fields import ScalarSiren
-from nsm.losses import Evaluation, WeightedSum
+from nsm.losses import BatchEvaluation, WeightedSum
 from nsm.sampling import Batch
 from nsm.train.tasks.base import FieldTask
 
@@ -37,9 +37,9 @@ class SdfTask(FieldTask):
         super().__init__(loss, optimizer, scheduler)
         self.network = network
 
-    def evaluation(self, batch: Batch) -> Evaluation:
+    def evaluation(self, batch: Batch) -> BatchEvaluation:
         """g at the points of a batch."""
-        return Evaluation(batch, self.network)
+        return BatchEvaluation(batch, self.network)
 
     @torch.no_grad()
     def validation_step(self, batch: Batch, index: int) -> Tensor:
