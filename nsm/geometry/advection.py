@@ -1,4 +1,4 @@
-"""Points carried by a velocity field: dx/dt = V(x, t), forwards and backwards in time."""
+"""Advection of points along a velocity field, dx/dt = V(x, t) (paper, eq. 7), forward and backward in time."""
 
 from __future__ import annotations
 
@@ -14,170 +14,190 @@ from torch import Tensor
 from torchdiffeq import odeint
 
 from nsm.cli.errors import InputError
+from nsm.cli.settings import positive, whole_number
 from nsm.geometry.grid import CHUNK
 
-#: V at x (n, d) and one time: (n, d), in lengths per unit of time.
+#: Maps points, shape (n, d), and one time to velocities, shape (n, d), in length per unit of time.
 VelocityField = Callable[[Tensor, float], Tensor]
-#: Moves points (n, d) to where they should be at one time, such as a level set.
+#: Moves points, shape (n, d), to the set where they belong at one time, such as a level set.
 Projection = Callable[[Tensor, float], Tensor]
-#: Told after each stretch of time of each chunk of points: how many are done, of how many.
+#: Called with the number of finished parts of a computation and their total.
 Progress = Callable[[int, int], object]
 
-
-#: The least tolerance in roundings of 1, the size of the box: a step adds several of them.
-_ROUNDINGS = 8
-
-
-def _require_count(name: str, value: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise InputError(f"{name}={value} divides no time: give a whole number of at least 1")
+#: Smallest tolerance in units of the rounding error of 1, the scale of the box: each step adds several such errors.
+_MIN_ROUNDING_ERRORS = 8
 
 
-class Method(ABC):
-    """How dx/dt = V(x, t) is solved."""
+class AdvectionMethod(ABC):
+    """A solver of dx/dt = V(x, t)."""
 
     @abstractmethod
     def stops(self, start: float, end: float, projected: bool) -> list[float]:
-        """Times from ``start`` to ``end``, both included, where the solver stops; there points may be projected."""
+        """List the times from ``start`` to ``end``, inclusive, at which the solver stops and points may be projected.
+
+        Args:
+            start, end: Times between which points are advected.
+            projected: Whether points are projected at the stops.
+        """
 
     @abstractmethod
     def advance(self, velocity: VelocityField, x: Float[Tensor, "n d"], start: float, end: float) -> Tensor:
-        """Points (n, d) carried from one stop to the next."""
+        """Advect points from one stop to the next.
+
+        Args:
+            velocity: The velocity V(x, t).
+            x: Points at time ``start``, shape (n, d).
+            start, end: Times of the two stops.
+
+        Returns:
+            Points at time ``end``, shape (n, d).
+        """
 
 
 @dataclass(frozen=True)
-class RungeKutta(Method):
-    """The Runge-Kutta method of order 4 (the 3/8 rule): its error falls as steps⁻⁴ where V is smooth.
+class RungeKutta(AdvectionMethod):
+    """The Runge-Kutta method of order 4 with fixed steps (3/8 rule), whose error is O(steps⁻⁴) for a smooth V.
 
     Args:
-        steps: in a unit of time, at least 1; each evaluates V four times.
+        steps: Number of steps per unit of time, at least 1. Each step evaluates V four times.
+
+    Raises:
+        InputError: If ``steps`` is not a positive integer.
 
     References:
-        Kutta, Beitrag zur näherungsweisen Integration totaler Differentialgleichungen, 1901; torchdiffeq's ``rk4``.
+        Kutta, Beitrag zur näherungsweisen Integration totaler Differentialgleichungen, 1901.
+        Implementation: ``rk4`` of torchdiffeq, https://github.com/rtqichen/torchdiffeq
     """
 
     steps: int = 32
 
     def __post_init__(self) -> None:
-        _require_count("steps", self.steps)
+        whole_number("steps", self.steps, 1)
 
     def stops(self, start: float, end: float, projected: bool) -> list[float]:
-        """Evenly spaced times, no further apart than 1/steps."""
+        """List evenly spaced times at most 1/steps apart."""
         return _even_stops(start, end, self.steps)
 
     def advance(self, velocity: VelocityField, x: Float[Tensor, "n d"], start: float, end: float) -> Tensor:
-        """One step."""
+        """Advect points by one step."""
         return _solve(velocity, x, start, end, method="rk4")
 
 
 @dataclass(frozen=True)
-class Adaptive(Method):
-    """The method of Dormand and Prince of order 5, whose steps are as long as the tolerance lets them be.
+class Adaptive(AdvectionMethod):
+    """The Runge-Kutta method of order 5 of Dormand and Prince, which chooses its steps according to a tolerance.
 
     Args:
-        tolerance: greatest error of a step, in units of length, at the point where it is greatest.
-        stops_per_unit: how often in a unit of time points are projected, if they are.
+        tolerance: Maximum error of one step at any point, in length.
+        stops_per_unit: Number of stops per unit of time if points are projected.
+
+    Raises:
+        InputError: If ``tolerance`` is not positive and finite, or ``stops_per_unit`` is not a positive integer.
 
     References:
-        Dormand and Prince, A family of embedded Runge-Kutta formulae, 1980; torchdiffeq's ``dopri5``.
+        Dormand and Prince, A family of embedded Runge-Kutta formulae, Journal of Computational and Applied Mathematics
+        1980. https://doi.org/10.1016/0771-050X(80)90013-3
+        Implementation: ``dopri5`` of torchdiffeq, https://github.com/rtqichen/torchdiffeq
     """
 
     tolerance: float = 1e-5
     stops_per_unit: int = 32
 
     def __post_init__(self) -> None:
-        if not 0 < self.tolerance < math.inf:
-            raise InputError(
-                f"tolerance={self.tolerance} bounds no error of a step: give a positive length, such as 1e-5"
-            )
-        _require_count("stops_per_unit", self.stops_per_unit)
+        positive("tolerance", self.tolerance)
+        whole_number("stops_per_unit", self.stops_per_unit, 1)
 
     def stops(self, start: float, end: float, projected: bool) -> list[float]:
-        """The ends only, unless points are projected on the way."""
+        """List the two ends, or evenly spaced times if points are projected."""
         return _even_stops(start, end, self.stops_per_unit) if projected else [start, end]
 
     def advance(self, velocity: VelocityField, x: Float[Tensor, "n d"], start: float, end: float) -> Tensor:
-        """As many steps as it takes.
+        """Advect points by as many steps as the tolerance requires.
 
         Raises:
-            InputError: if the tolerance is below what rounding lets be told, or V is not finite.
+            InputError: If the tolerance is below the rounding error of the points, or V is not finite.
         """
-        least = _ROUNDINGS * torch.finfo(x.dtype).eps
+        least = _MIN_ROUNDING_ERRORS * torch.finfo(x.dtype).eps
         if self.tolerance < least:
             raise InputError(
-                f"tolerance={self.tolerance:g} is lost in the rounding of {x.dtype}: give {least:.1g} or more, or "
-                "points in double precision"
+                f"`tolerance` must be at least {least:.1g} for points of {x.dtype}, got {self.tolerance:g}. Try "
+                f"`tolerance={least:.1g}`, or points of double precision."
             )
-        settings = {"method": "dopri5", "rtol": 0.0, "atol": self.tolerance, "options": {"norm": _greatest}}
+        settings = {"method": "dopri5", "rtol": 0.0, "atol": self.tolerance, "options": {"norm": _maximum_norm}}
         try:
             return _solve(velocity, x, start, end, **settings)
-        except AssertionError as error:  # torchdiffeq's: the steps have become too short, or points are not finite
+        except AssertionError as error:  # torchdiffeq asserts that steps are not too short and points finite
             raise InputError(
-                f"no step is short enough for tolerance={self.tolerance:g} at t = {start:g} to {end:g} ({error}): give "
-                "a larger tolerance, or solve with RungeKutta"
+                f"`tolerance` must be reachable with steps that change the time, got {self.tolerance:g} between "
+                f"t = {start:g} and {end:g} ({error}). Try a larger `tolerance`, or `RungeKutta()`."
             ) from error
 
 
-#: What `carry` solves with unless told otherwise.
+#: Solver that `advect` uses by default.
 DEFAULT_METHOD = RungeKutta()
 
 
 @torch.no_grad()
-def carry(
+def advect(
     velocity: VelocityField,
     points: Float[Tensor, "n d"],
     times: Sequence[float] | Float[Tensor, " k"],
-    method: Method = DEFAULT_METHOD,
+    method: AdvectionMethod = DEFAULT_METHOD,
     project: Projection | None = None,
     progress: Progress | None = None,
 ) -> Float[Tensor, "k n d"]:
-    """Where points are at some times, when they start at the first of them and move with a velocity field.
+    """Advect points along a velocity field: solve dx/dt = V(x, t) with x(t_0) = x_0 (paper, eq. 7).
 
-    x(t_0) = x_0,  dx/dt = V(x, t).
-
-    Times may run forwards, backwards, or to and fro. Points are carried a chunk at a time and without a graph, so that
-    memory is that of the result.
+    Times may increase, decrease, or alternate. Points are advected in chunks and without a graph, so that the result
+    dominates memory.
 
     Args:
-        velocity: V(x, t) (n, d) at points (n, d) and one time.
-        points: x_0 (n, d), of any floating type; the result has its type and device.
-        times: (k,), at least one.
-        method: the solver.
-        project: moves points (n, d) to where they belong at one time; applied at each stop of the method after the
-            first, and so at each of ``times`` after the first.
-        progress: called with the stretches done and their total.
+        velocity: The velocity V, which maps points, shape (n, d), and one time to velocities, shape (n, d).
+        points: Points x_0, shape (n, d). The result has their dtype and device.
+        times: Times t_0, …, t_{k−1}, of which there is at least one, shape (k,).
+        method: The solver.
+        project: Projection applied at all stops of the solver after the first, which include ``times``.
+        progress: Called with the number of finished steps between stops and their total, over all chunks.
 
     Returns:
-        Positions (k, n, d), the first of which are the points themselves.
+        Positions at all times, shape (k, n, d); the first are the points themselves.
 
     Raises:
-        InputError: if there is no time, or one is not finite.
+        InputError: If there are no times, or one is not finite.
+
+    Example:
+        >>> import torch
+        >>> from nsm.geometry.advection import advect
+        >>> def rotation(x, t):
+        ...     return torch.pi / 2 * torch.stack([-x[:, 1], x[:, 0]], dim=1)
+        >>> advect(rotation, torch.tensor([[1.0, 0.0]]), times=[0.0, 1.0])[-1].round(decimals=3)
+        tensor([[0., 1.]])
     """
-    moments = [float(t) for t in times]
-    if not moments or not all(map(math.isfinite, moments)):
-        raise InputError(f"points cannot be carried to the times {moments}: give finite numbers, the start first")
-    stretches = [method.stops(start, end, project is not None) for start, end in pairwise(moments)]
+    instants = [float(t) for t in times]
+    if not instants or not all(map(math.isfinite, instants)):
+        raise InputError(f"`times` must be finite numbers, at least one, got {instants}. Try `times=[0.0, 1.0]`.")
+    intervals = [method.stops(start, end, project is not None) for start, end in pairwise(instants)]
     chunks = points.split(CHUNK) if len(points) else ()
-    total, done = len(chunks) * sum(len(stops) - 1 for stops in stretches), 0
-    carried = points.new_empty((len(moments), *points.shape))
-    carried[0] = points
+    total, done = len(chunks) * sum(len(stops) - 1 for stops in intervals), 0
+    advected = points.new_empty((len(instants), *points.shape))
+    advected[0] = points
     for number, x in enumerate(chunks):
-        place = slice(number * CHUNK, number * CHUNK + len(x))
-        for index, stops in enumerate(stretches, 1):
+        rows = slice(number * CHUNK, number * CHUNK + len(x))
+        for index, stops in enumerate(intervals, 1):
             for start, end in pairwise(stops):
                 x = method.advance(velocity, x, start, end)
                 x = x if project is None else project(x, end).to(x)
                 done += 1
                 if progress is not None:
                     progress(done, total)
-            carried[index, place] = x
-    return carried
+            advected[index, rows] = x
+    return advected
 
 
 def _even_stops(start: float, end: float, per_unit: int) -> list[float]:
     if start == end:
         return [start]
-    # a hair less, or rounding of the times costs a step
+    # the margin keeps rounding errors of the times from adding a step
     count = max(1, math.ceil(abs(end - start) * per_unit - 1e-9))
     return [start + (end - start) * step / count for step in range(count)] + [end]
 
@@ -189,5 +209,5 @@ def _solve(velocity: VelocityField, x: Tensor, start: float, end: float, **setti
     return odeint(lambda t, y: velocity(y, float(t)).to(y), x, span, **settings)[-1]
 
 
-def _greatest(x: Tensor) -> Tensor:
+def _maximum_norm(x: Tensor) -> Tensor:
     return x.abs().max()

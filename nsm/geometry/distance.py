@@ -1,4 +1,4 @@
-"""Distances between meshes, and points spread over them."""
+"""Exact distances to a mesh, and points sampled on it."""
 
 from __future__ import annotations
 
@@ -13,12 +13,18 @@ from torch import Tensor
 from nsm.geometry.topology import simplex_normals
 from nsm.types import SimplexMesh, SurfaceSamples
 
-#: Pairs of point and segment looked at in one go in 2D.
-_PAIRS = 1 << 22
+#: Maximum number of point-segment combinations evaluated at once in 2D.
+_COMBINATIONS = 1 << 22
 
 
 class Closest(NamedTuple):
-    """For n points: distance to a mesh (n,), the closest point of it (n, d), and the simplex that holds it (n,)."""
+    """The closest points of a mesh to n points.
+
+    Attributes:
+        distances: Distances to the mesh, shape (n,).
+        points: Closest points of the mesh, shape (n, d).
+        simplices: Indices of the simplices that contain the closest points, shape (n,).
+    """
 
     distances: Float[Tensor, " n"]
     points: Float[Tensor, "n d"]
@@ -26,7 +32,7 @@ class Closest(NamedTuple):
 
 
 class DistanceSummary(NamedTuple):
-    """Mean, 99th percentile and greatest of many distances."""
+    """Mean, 99th percentile, and maximum of distances."""
 
     mean: float
     percentile_99: float
@@ -34,19 +40,31 @@ class DistanceSummary(NamedTuple):
 
     @classmethod
     def of(cls, distances: Float[Tensor, " n"]) -> DistanceSummary:
-        """Summarise distances (n,)."""
+        """Summarize distances, shape (n,)."""
         values = distances.detach().cpu().double().numpy()
         return cls(float(values.mean()), float(np.percentile(values, 99)), float(values.max()))
 
 
 def closest_points(points: Float[Tensor, "n d"], mesh: SimplexMesh) -> Closest:
-    """Closest point of a mesh to each of n points, exactly.
+    """Find the closest point of a mesh to each of n points, without approximation.
+
+    Args:
+        points: Query points, shape (n, d).
+        mesh: Triangles in 3D or segments in 2D.
 
     Raises:
-        ValueError: if the mesh has no simplices.
+        ValueError: If the mesh has no simplices.
+
+    Example:
+        >>> import torch
+        >>> from nsm.geometry.distance import closest_points
+        >>> from nsm.types import SimplexMesh
+        >>> segment = SimplexMesh(torch.tensor([[0.0, 0.0], [1.0, 0.0]]), torch.tensor([[0, 1]]))
+        >>> closest_points(torch.tensor([[0.5, 2.0]]), segment).distances
+        tensor([2.])
     """
     if not len(mesh.simplices):
-        raise ValueError("the distance to a mesh without simplices is not defined: extract a surface that exists")
+        raise ValueError("`mesh` must have at least one simplex, got none. Try a level that the field takes.")
     if points.shape[1] == 2:
         return _closest_on_segments(points, mesh)
     squared, simplices, nearest = igl.point_mesh_squared_distance(
@@ -61,20 +79,25 @@ def closest_points(points: Float[Tensor, "n d"], mesh: SimplexMesh) -> Closest:
 
 
 def sample_mesh(mesh: SimplexMesh, count: int, generator: torch.Generator | None = None) -> SurfaceSamples:
-    """Points spread evenly over a mesh (count, d), and the normals of the simplices they lie on.
+    """Sample points uniformly by area on a mesh, with the normals of their simplices.
+
+    Args:
+        mesh: Triangles in 3D or segments in 2D.
+        count: Number of points.
+        generator: Source of random numbers; the global one if None.
 
     Raises:
-        ValueError: if the mesh has no simplices, or none of positive measure.
+        ValueError: If the mesh has no simplices of positive area.
     """
     normals = simplex_normals(mesh)
     size = normals.norm(dim=1)
     if not bool((size > 0).any()):
-        raise ValueError("a mesh without area has no points to draw: extract a surface that exists")
+        raise ValueError("`mesh` must have a positive area, got 0. Try a level that the field takes.")
     chosen = torch.searchsorted(
         size.double().cumsum(0),
         torch.rand(count, generator=generator, dtype=torch.double, device=size.device) * size.double().sum(),
     ).clamp(max=len(size) - 1)
-    # exponential spacings, normalised, are uniform on a simplex
+    # normalized exponential variables are uniform barycentric coordinates
     spacing = torch.rand(count, mesh.simplices.shape[1], 1, generator=generator, dtype=size.dtype, device=size.device)
     weights = -torch.log1p(-spacing)
     corners = mesh.vertices[mesh.simplices[chosen]]
@@ -87,7 +110,7 @@ def _closest_on_segments(points: Tensor, mesh: SimplexMesh) -> Closest:
     along = end - start
     length = along.square().sum(1).clamp(min=torch.finfo(points.dtype).tiny)
     parts = []
-    for chunk in points.split(max(1, _PAIRS // len(start))):
+    for chunk in points.split(max(1, _COMBINATIONS // len(start))):
         share = (((chunk[:, None] - start) * along).sum(2) / length).clamp(0, 1)
         feet = start + share[..., None] * along
         squared, nearest = (chunk[:, None] - feet).square().sum(2).min(1)

@@ -1,4 +1,4 @@
-"""Points moved to a level set, along the gradient."""
+"""Projection of points to a level set along the gradient."""
 
 from __future__ import annotations
 
@@ -12,12 +12,17 @@ from torch import Tensor
 from nsm.geometry.grid import CHUNK
 from nsm.types import Jet
 
-#: A point has arrived when what is left of the way to the level is this part of the way it may go.
-_ARRIVED = 1e-2
+#: A point has converged when its remaining distance to the level is at most this fraction of the reach.
+_CONVERGED = 1e-2
 
 
 class Projected(NamedTuple):
-    """Points (n, d) moved to a level set, and which of them (n,) stayed where they were, for it is out of reach."""
+    """Points projected to a level set.
+
+    Attributes:
+        points: Projected points, shape (n, d).
+        stayed: Whether a point was left in place because the level set is out of its reach, shape (n,).
+    """
 
     points: Float[Tensor, "n d"]
     stayed: Bool[Tensor, " n"]
@@ -26,19 +31,27 @@ class Projected(NamedTuple):
 def newton_to_level(
     jet: Callable[[Tensor], Jet], x: Float[Tensor, "n d"], steps: int = 3, reach: float = 0.05, level: float = 0.0
 ) -> tuple[Float[Tensor, "n d"], Jet]:
-    """Move points towards a level by Newton steps x ← x − (g − c) ∇g / |∇g|², none longer than ``reach``.
+    """Move points toward {g = c} by Newton steps x ← x − (g − c) ∇g / ‖∇g‖², each at most ``reach`` long.
 
-    Three steps take a point that lies within a cell of a grid to rounding error.
+    Three steps usually bring a point from within a cell of a grid to rounding error.
 
     Args:
-        jet: value and gradient of g at points (n, d).
-        x: points (n, d).
-        steps: how many.
-        reach: greatest length of a step.
-        level: c.
+        jet: A function that returns value and gradient of g at points, shape (n, d).
+        x: Points, shape (n, d).
+        steps: Number of steps.
+        reach: Maximum length of a step.
+        level: The level c.
 
     Returns:
-        the points (n, d), and the jet there.
+        The points, shape (n, d), and the jet of g at them.
+
+    Example:
+        >>> import torch
+        >>> from nsm.geometry.projection import newton_to_level
+        >>> from nsm.shapes import Ball
+        >>> points, jet = newton_to_level(Ball(radius=0.5).jet, torch.tensor([[0.52, 0.0, 0.0]]), steps=1)
+        >>> points
+        tensor([[0.5000, 0.0000, 0.0000]])
     """
     moved, values, gradients = [], [], []
     for chunk in x.split(CHUNK):
@@ -59,20 +72,28 @@ def newton_to_level(
 def project_to_level(
     jet: Callable[[Tensor], Jet], x: Float[Tensor, "n d"], level: float = 0.0, steps: int = 3, reach: float = 0.05
 ) -> Projected:
-    """The points of a level set next to x, where there are such; other points stay where they are.
+    """Project points to the level set {g = c} where it is within reach, and leave the other points in place.
 
-    A point stays if Newton's method does not arrive (where ∇g vanishes, or beyond the reach), or ends further than
-    ``reach`` from where it began. No result is less finite than x.
+    A point stays in place if Newton's method does not converge, for example because ∇g vanishes, or ends farther than
+    ``reach`` from its start. The result is finite wherever x is.
 
     Args:
-        jet: value and gradient of g at points (n, d).
-        x: points (n, d).
-        level: c of {g = c}.
-        steps: of Newton's method.
-        reach: how far a point may be moved, in units of length.
+        jet: A function that returns value and gradient of g at points, shape (n, d).
+        x: Points, shape (n, d).
+        level: The level c.
+        steps: Number of Newton steps.
+        reach: Maximum displacement of a point, in length.
+
+    Example:
+        >>> import torch
+        >>> from nsm.geometry.projection import project_to_level
+        >>> from nsm.shapes import Ball
+        >>> x = torch.tensor([[0.52, 0.0, 0.0], [0.9, 0.0, 0.0]])
+        >>> project_to_level(Ball(radius=0.5).jet, x, reach=0.1).stayed
+        tensor([False,  True])
     """
     moved, there = newton_to_level(jet, x, steps, reach, level)
-    left = (there.value - level).abs()
-    # written so that what is not a number has not arrived
-    arrived = (left <= _ARRIVED * reach * there.gradient.norm(dim=1)) & ((moved - x).norm(dim=1) <= reach)
-    return Projected(torch.where(arrived[:, None], moved, x), ~arrived)
+    remaining = (there.value - level).abs()
+    # comparisons with NaN are false, so a point that is not finite has not converged
+    converged = (remaining <= _CONVERGED * reach * there.gradient.norm(dim=1)) & ((moved - x).norm(dim=1) <= reach)
+    return Projected(torch.where(converged[:, None], moved, x), ~converged)

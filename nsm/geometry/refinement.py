@@ -1,4 +1,4 @@
-"""Finer triangles where a surface bends, so that edges are sharp in pictures without a fine grid everywhere."""
+"""Local refinement of triangles where a surface bends, for sharp edges in pictures without a fine grid everywhere."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from torch.nn.functional import normalize
 
 from nsm.types import SignedDistance, SimplexMesh
 
-#: An edge is cut where the normals at its ends differ by more than this.
+#: An edge is split where the normals at its ends differ by more than this angle.
 _BEND = math.radians(14)
-#: Newton steps that take the middle of an edge onto the surface.
+#: Number of Newton steps that move the midpoint of an edge onto the surface.
 _NEWTON_STEPS = 1
 
 
@@ -25,20 +25,20 @@ def refine_bends(
     level: float = 0.0,
     rounds: int = 2,
 ) -> tuple[SimplexMesh, Float[Tensor, "v 3"]]:
-    """Cut the edges of triangles across which the surface bends, and put the new vertices onto the surface.
+    """Split edges along which the surface bends, and move the new vertices onto the surface.
 
-    The middle x of an edge moves by x ← x − (f(x) − level) ∇f/‖∇f‖², at most by half the length of the edge. Triangles
-    with one, two or three cut edges become two, three or four, so that no gap opens between neighbours.
+    The midpoint x of an edge moves by x ← x − (f(x) − c) ∇f/‖∇f‖², by at most half the length of the edge. Triangles
+    with one, two, or three split edges become two, three, or four triangles, so that neighbors stay connected.
 
     Args:
-        mesh: triangles of the level set.
-        field: f, maps (n, 3) to (n,).
-        gradient: ∇f, maps (n, 3) to (n, 3).
-        level: the value of f on the surface.
-        rounds: how often edges are halved.
+        mesh: Triangles of the level set {f = c}.
+        field: The field f, which maps points, shape (n, 3), to values, shape (n,).
+        gradient: Its gradient ∇f, which maps points, shape (n, 3), to vectors, shape (n, 3).
+        level: The level c.
+        rounds: Number of times that edges are split.
 
     Returns:
-        The finer mesh and the normals ∇f/‖∇f‖ (v, 3) at its vertices.
+        The refined mesh, and the normals ∇f/‖∇f‖ at its vertices, shape (v, 3).
     """
     vertices, triangles = mesh
     normals = normalize(gradient(vertices), dim=1)
@@ -47,18 +47,18 @@ def refine_bends(
             break
         edges, edge_of = _edges(triangles)
         start, end = edges.unbind(1)
-        cut = (normals[start] * normals[end]).sum(1) < math.cos(_BEND)
-        middle = _onto_surface(vertices[start[cut]], vertices[end[cut]], field, gradient, level)
+        split = (normals[start] * normals[end]).sum(1) < math.cos(_BEND)
+        middle = _onto_surface(vertices[start[split]], vertices[end[split]], field, gradient, level)
         number = torch.full((len(edges),), -1, device=triangles.device)
-        number[cut] = len(vertices) + torch.arange(len(middle), device=triangles.device)
-        triangles = _cut(triangles, number[edge_of])
+        number[split] = len(vertices) + torch.arange(len(middle), device=triangles.device)
+        triangles = _split(triangles, number[edge_of])
         vertices = torch.cat([vertices, middle])
         normals = torch.cat([normals, normalize(gradient(middle), dim=1)])
     return SimplexMesh(vertices, triangles), normals
 
 
 def _edges(triangles: Int[Tensor, "m 3"]) -> tuple[Int[Tensor, "e 2"], Int[Tensor, "m 3"]]:
-    """All edges once, and for each triangle those opposite its third, first and second corner: 01, 12, 20."""
+    """List all edges once, and for each triangle the numbers of its edges 01, 12, and 20."""
     pairs = torch.stack([triangles, triangles.roll(-1, 1)], 2).sort(2).values
     edges, edge_of = pairs.view(-1, 2).unique(dim=0, return_inverse=True)
     return edges, edge_of.view(-1, 3)
@@ -72,27 +72,27 @@ def _onto_surface(
     level: float,
 ) -> Float[Tensor, "n 3"]:
     middle = (start + end) / 2
-    furthest = (end - start).norm(dim=1, keepdim=True) / 2
+    max_distance = (end - start).norm(dim=1, keepdim=True) / 2
     moved = middle
     for _ in range(_NEWTON_STEPS):
         slope = gradient(moved)
         step = (field(moved) - level)[:, None] * slope / slope.square().sum(1, keepdim=True).clamp(min=1e-6)
         moved = moved - step
-    away = moved - middle
-    length = away.norm(dim=1, keepdim=True).clamp(min=1e-12)
-    return middle + away * (furthest / length).clamp(max=1)
+    displacement = moved - middle
+    length = displacement.norm(dim=1, keepdim=True).clamp(min=1e-12)
+    return middle + displacement * (max_distance / length).clamp(max=1)
 
 
-def _cut(triangles: Int[Tensor, "m 3"], middles: Int[Tensor, "m 3"]) -> Int[Tensor, "k 3"]:
-    """Triangles with new vertices ``middles`` on their edges 01, 12, 20; -1 where an edge stays whole."""
-    is_cut = middles >= 0
-    count = is_cut.sum(1)
+def _split(triangles: Int[Tensor, "m 3"], middles: Int[Tensor, "m 3"]) -> Int[Tensor, "k 3"]:
+    """Split triangles at the new vertices ``middles`` of their edges 01, 12, and 20; -1 marks an edge that stays."""
+    is_split = middles >= 0
+    count = is_split.sum(1)
     parts = [triangles[count == 0]]
-    # turned so that the only cut edge is 01, or the only whole edge is 20
-    for number, wanted in ((1, is_cut), (2, ~is_cut)):
+    # rotate corners so that the only split edge is 01, or the only unsplit edge is 20
+    for number, wanted in ((1, is_split), (2, ~is_split)):
         chosen = count == number
         shift = wanted[chosen].int().argmax(1) + (number == 2)
-        (a, b, c), (ab, bc, _) = _turned(triangles[chosen], shift), _turned(middles[chosen], shift)
+        (a, b, c), (ab, bc, _) = _rotated(triangles[chosen], shift), _rotated(middles[chosen], shift)
         if number == 1:
             parts += [_rows(a, ab, c), _rows(ab, b, c)]
         else:
@@ -103,8 +103,8 @@ def _cut(triangles: Int[Tensor, "m 3"], middles: Int[Tensor, "m 3"]) -> Int[Tens
     return torch.cat(parts)
 
 
-def _turned(rows: Int[Tensor, "n 3"], shift: Int[Tensor, " n"]) -> tuple[Tensor, Tensor, Tensor]:
-    """Columns of rows turned left, each by its own shift."""
+def _rotated(rows: Int[Tensor, "n 3"], shift: Int[Tensor, " n"]) -> tuple[Tensor, Tensor, Tensor]:
+    """Rotate each row to the left by its own shift, and return the columns."""
     order = (torch.arange(3, device=rows.device) + shift[:, None]) % 3
     first, second, third = rows.gather(1, order).unbind(1)
     return first, second, third

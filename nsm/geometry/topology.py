@@ -1,7 +1,7 @@
-"""Counts and angles of a mesh: components, Euler number, genus, curvature, roughness, measure, normals.
+"""Properties of a mesh: normals, area, volume, components, Euler number, genus, and curvature.
 
-Everything takes a `SimplexMesh`, triangles in 3D or segments in 2D; a mesh of no simplices has no components, Euler
-number 0, measure 0 and roughness 0.
+All functions take a `SimplexMesh`, triangles in 3D or segments in 2D. An empty mesh has no components, and its Euler
+number, area, and roughness are 0.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from nsm.types import SimplexMesh
 
 
 def simplex_normals(mesh: SimplexMesh) -> Float[Tensor, "m d"]:
-    """Outward normals (m, d) whose length is the measure of each simplex (area, or length in 2D)."""
+    """Compute outward normals, shape (m, d), whose length is the area of each simplex (its length in 2D)."""
     corners = mesh.vertices[mesh.simplices]
     if mesh.vertices.shape[1] == 2:
         along = corners[:, 1] - corners[:, 0]
@@ -26,7 +26,7 @@ def simplex_normals(mesh: SimplexMesh) -> Float[Tensor, "m d"]:
 
 
 def vertex_normals(mesh: SimplexMesh) -> Float[Tensor, "v d"]:
-    """Unit normals (v, d): at each vertex the mean over its simplices, weighted by measure."""
+    """Compute unit normals at vertices, shape (v, d), as means over their simplices weighted by area."""
     normals = simplex_normals(mesh)
     total = torch.zeros_like(mesh.vertices)
     for corner in mesh.simplices.T:
@@ -35,20 +35,20 @@ def vertex_normals(mesh: SimplexMesh) -> Float[Tensor, "v d"]:
 
 
 def measure(mesh: SimplexMesh) -> float:
-    """Area of a surface, length of a curve."""
+    """Compute the area of a surface, or the length of a curve."""
     return float(simplex_normals(mesh).norm(dim=1).sum())
 
 
 def enclosed_volume(mesh: SimplexMesh) -> float:
-    """Volume (3D) or area (2D) inside a closed mesh, ∫ x·n / d; negative where it is turned inside out."""
+    """Compute the volume inside a closed mesh (area in 2D), ∫ x·n / d; negative if the mesh is inside out."""
     middle = mesh.vertices[mesh.simplices].mean(1)
     return float((middle * simplex_normals(mesh)).sum() / mesh.vertices.shape[1])
 
 
 def subdivided(mesh: SimplexMesh) -> SimplexMesh:
-    """The same surface in finer pieces: triangles cut into four, segments into two, at the middles of their edges.
+    """Split triangles into four and segments into two at the midpoints of their edges.
 
-    The vertices of the mesh come first, so that the first v of the new ones are they.
+    The original vertices come first.
     """
     edges = _edges(mesh.simplices)
     _, number = _edge_keys(mesh.simplices).unique(return_inverse=True)
@@ -68,7 +68,7 @@ def subdivided(mesh: SimplexMesh) -> SimplexMesh:
 
 
 def component_labels(mesh: SimplexMesh) -> Int[Tensor, " m"]:
-    """Number of the connected component, 0, 1, …, that each simplex belongs to."""
+    """Label each simplex with the number of its connected component, 0, 1, …, shape (m,)."""
     if not len(mesh.simplices):
         return mesh.simplices.new_zeros(0)
     edges = _edges(mesh.simplices).cpu().numpy()
@@ -79,13 +79,13 @@ def component_labels(mesh: SimplexMesh) -> Int[Tensor, " m"]:
 
 
 def component_count(mesh: SimplexMesh) -> int:
-    """Number of connected components; vertices that no simplex uses do not count."""
+    """Count the connected components, ignoring vertices that no simplex uses."""
     labels = component_labels(mesh)
     return int(labels.max()) + 1 if len(labels) else 0
 
 
 def component_measures(mesh: SimplexMesh) -> Float[Tensor, " c"]:
-    """Area (length in 2D) of each connected component, largest first."""
+    """Compute the area of each connected component (length in 2D), largest first."""
     labels = component_labels(mesh)
     sizes = simplex_normals(mesh).norm(dim=1)
     total = sizes.new_zeros(int(labels.max()) + 1 if len(labels) else 0)
@@ -93,10 +93,10 @@ def component_measures(mesh: SimplexMesh) -> Float[Tensor, " c"]:
 
 
 def component_volumes(mesh: SimplexMesh) -> Float[Tensor, " c"]:
-    """Volume (area in 2D) that each connected component encloses, in the order of `component_labels`.
+    """Compute the volume that each connected component encloses (area in 2D), in the order of `component_labels`.
 
-    A hollow, whose surface is turned inwards, has a negative volume. Of a component that is open the volume is that of
-    the cone over it from the middle of its vertices' box.
+    The surface of a cavity is oriented inward and has a negative volume. For an open component the result is the volume
+    of the cone over it, whose apex is the center of its bounding box.
     """
     labels = component_labels(mesh)
     count = int(labels.max()) + 1 if len(labels) else 0
@@ -113,7 +113,7 @@ def component_volumes(mesh: SimplexMesh) -> Float[Tensor, " c"]:
 
 
 def euler_number(mesh: SimplexMesh) -> int:
-    """Vertices − edges + triangles of a surface, vertices − segments of a curve (0 when all its parts are closed)."""
+    """Compute vertices − edges + triangles of a surface, or vertices − segments of a curve (0 if all are closed)."""
     used = len(mesh.simplices.unique())
     if mesh.simplices.shape[1] == 2:
         return used - len(mesh.simplices)
@@ -121,19 +121,18 @@ def euler_number(mesh: SimplexMesh) -> int:
 
 
 def genus(mesh: SimplexMesh) -> int:
-    """Number of handles of a closed surface, all components together: components − Euler number / 2; 0 for a curve."""
+    """Compute the genus of a closed surface, summed over components: components − Euler number / 2; 0 for a curve."""
     if mesh.simplices.shape[1] == 2:
         return 0
     return component_count(mesh) - euler_number(mesh) // 2
 
 
 def total_curvatures(mesh: SimplexMesh) -> Float[Tensor, " v"]:
-    """Curvature in radians that each vertex carries: how far the mesh turns there.
+    """Compute the integrated curvature at each vertex, in radians, shape (v,).
 
-    In 3D the angle that is missing around the vertex, 2π − Σ angles; in 2D the angle between the segments before and
-    after it, positive where the inside is convex. By Gauss and Bonnet the sum over a closed surface is 2π times its
-    Euler number, and over closed curves 2π times the Euler number of their inside. Vertices on the rim of an open mesh
-    carry none.
+    In 3D this is the angle defect 2π − Σ angles; in 2D it is the angle between successive segments, positive where the
+    inside is convex. By the Gauss-Bonnet theorem it sums to 2π times the Euler number of a closed surface, or of the
+    inside of closed curves. It is 0 at boundary vertices of an open mesh.
     """
     if mesh.simplices.shape[1] == 2:
         return _turning_angles(mesh)
@@ -142,7 +141,7 @@ def total_curvatures(mesh: SimplexMesh) -> Float[Tensor, " v"]:
     for corner in range(3):
         a, b = (corners[:, (corner + k) % 3] - corners[:, corner] for k in (1, 2))
         angles = torch.atan2(torch.linalg.cross(a, b).norm(dim=1), (a * b).sum(1))
-        # a triangle with an edge of no length still has angles of π in all: a right one at each end of that edge
+        # the angles of a triangle with an edge of length 0 still sum to π: assign π/2 at both ends of that edge
         angles[(a == 0).all(1) | (b == 0).all(1)] = torch.pi / 2
         total.index_add_(0, mesh.simplices[:, corner], angles)
     missing = torch.where(total > 0, 2 * torch.pi - total, 0.0)
@@ -153,11 +152,11 @@ def total_curvatures(mesh: SimplexMesh) -> Float[Tensor, " v"]:
 
 
 def mean_dihedral_angle(mesh: SimplexMesh) -> float:
-    """Roughness: mean angle in degrees between the normals of neighbouring simplices.
+    """Compute the roughness of a mesh: the mean angle between normals of neighboring simplices, in degrees.
 
-    Neighbours share an edge (3D) or a vertex (2D), and every pair counts the same. On a smooth surface the angle is
-    proportional to the size of the simplices; so compare meshes of one resolution only. Simplices of zero measure
-    have no normal and are passed over.
+    Neighbors share an edge (3D) or a vertex (2D), and all have equal weight. On a smooth surface the angle is
+    proportional to the size of the simplices, so only compare meshes of the same resolution. Simplices of zero area
+    have no normal and are ignored.
     """
     shared = _edge_keys(mesh.simplices) if mesh.simplices.shape[1] == 3 else mesh.simplices.T.flatten()
     owner = torch.arange(len(mesh.simplices), device=shared.device).repeat(mesh.simplices.shape[1])
@@ -171,7 +170,7 @@ def mean_dihedral_angle(mesh: SimplexMesh) -> float:
         return 0.0
     unit = normals / size[:, None]
     a, b = unit[pairs[:, 0]], unit[pairs[:, 1]]
-    # 2 atan2(|a - b|, |a + b|) keeps small angles exact, where acos loses half of the digits
+    # unlike acos, 2 atan2(|a − b|, |a + b|) is accurate for small angles
     return float(torch.rad2deg(2 * torch.atan2((a - b).norm(dim=1), (a + b).norm(dim=1))).mean())
 
 
@@ -180,19 +179,19 @@ def _turning_angles(mesh: SimplexMesh) -> Float[Tensor, " v"]:
     along = (mesh.vertices[end] - mesh.vertices[start]).double()
     before, after = (torch.zeros_like(mesh.vertices, dtype=torch.double) for _ in range(2))
     before[end], after[start] = along, along
-    # both are zero where a curve ends or begins, and so is atan2(0, 0)
+    # at the ends of an open curve both arguments are zero, and so is atan2(0, 0)
     turned = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     return torch.atan2(turned, (before * after).sum(1)).to(mesh.vertices)
 
 
 def _edges(simplices: Int[Tensor, "m k"]) -> Int[Tensor, "e 2"]:
-    """Edges of all simplices as sorted pairs of vertices, each simplex's own: all first edges, all second, …"""
+    """List the edges of all simplices as sorted vertex indices, shape (e, 2): all first edges, then all second, …"""
     if simplices.shape[1] == 2:
         return simplices.sort(1).values
     return torch.cat([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]]).sort(1).values
 
 
 def _edge_keys(simplices: Int[Tensor, "m k"]) -> Int[Tensor, " e"]:
-    """One number an edge, the same for the same edge; numbers sort and compare much faster than pairs."""
+    """Encode each edge as one integer, because integers sort and compare much faster than rows."""
     edges = _edges(simplices)
     return edges[:, 0] * (int(simplices.max()) + 1 if len(simplices) else 1) + edges[:, 1]

@@ -1,4 +1,4 @@
-"""Distances to one set of triangles, asked for many times."""
+"""Repeated queries of distances and winding numbers of one set of triangles."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from torch import Tensor
 
 from nsm.geometry.distance import Closest
 
-#: Cells along the longest edge of the box of the queries; those of one cell are answered one after the other, so that
-#: the part of the search tree that they need is in the cache (one and a half times as fast).
+#: Number of cells along the longest edge of the box around the queries. Queries of one cell are processed
+#: consecutively, so that their part of the search tree stays in the cache, which is 1.5 times as fast.
 _CELLS = 16
 
 
 class Triangles:
-    """Triangles with the search trees for their closest points and winding numbers, which are built once.
+    """Triangles with search trees for closest points and winding numbers, which are built once.
 
     Args:
-        vertices: (v, 3), double precision.
-        faces: indices into them (m, 3).
+        vertices: Vertices in double precision, shape (v, 3).
+        faces: Indices of the corners of triangles, shape (m, 3).
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
@@ -33,13 +33,13 @@ class Triangles:
         self._winding: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles build trees of their own: those of libigl cannot be copied."""
+        """Rebuild the trees in copies and pickles, because those of libigl cannot be copied."""
         return Triangles, (self.vertices, self.faces)
 
     def closest(self, x: Float[Tensor, "n 3"]) -> Closest:
-        """Distance, closest point and triangle of each of n points, exactly."""
+        """Find the closest point and its triangle for each of n points, without approximation."""
         queries = x.detach().cpu().double().numpy()
-        order = _by_place(queries)
+        order = _spatial_order(queries)
         squared, triangles, points = (np.empty_like(a) for a in (queries[:, 0], order, queries))
         if len(order):
             squared[order], triangles[order], points[order] = self._boxes.squared_distance(
@@ -52,10 +52,11 @@ class Triangles:
         )
 
     def winding_number(self, x: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
-        """Winding number (n,): 1 inside and 0 outside a closed surface, and between them where there are holes.
+        """Evaluate the winding number, shape (n,): 1 inside and 0 outside a closed surface, and between near holes.
 
         References:
             Barill et al., Fast Winding Numbers for Soups and Clouds, SIGGRAPH 2018.
+            https://doi.org/10.1145/3197517.3201337
         """
         if self._winding is None:
             self._winding = igl.FastWindingNumberBVH()
@@ -64,8 +65,8 @@ class Triangles:
         return torch.from_numpy(np.asarray(self._winding.winding_number(queries)).reshape(len(queries))).to(x)
 
 
-def _by_place(queries: np.ndarray) -> np.ndarray:
-    """An order in which neighbors come one after the other."""
+def _spatial_order(queries: np.ndarray) -> np.ndarray:
+    """Find an order in which nearby queries are consecutive."""
     if not len(queries):
         return np.zeros(0, dtype=np.int64)
     low, extent = queries.min(0), float(np.ptp(queries, axis=0).max()) or 1.0

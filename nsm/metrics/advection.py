@@ -7,7 +7,7 @@ from typing import NamedTuple, cast
 
 import torch
 
-from nsm.geometry.advection import VelocityField, carry
+from nsm.geometry.advection import VelocityField, advect
 from nsm.geometry.distance import DistanceSummary, closest_points
 from nsm.geometry.topology import enclosed_volume, subdivided
 from nsm.types import Morph, SimplexMesh
@@ -71,7 +71,7 @@ def check_transport(
     if not len(source.simplices) or not morph.has_velocity:
         return None
     fine = subdivided(source)
-    carried = carry(cast(VelocityField, morph.velocity), fine.vertices, times)
+    carried = advect(cast(VelocityField, morph.velocity), fine.vertices, times)
     # without the edges' middles
     corners = carried[:, : len(source.vertices)]
     with_middles, without, growth = torch.tensor(

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.geometry.advection import DEFAULT_METHOD, Method, Progress, Projection, VelocityField, carry
+from nsm.geometry.advection import DEFAULT_METHOD, AdvectionMethod, Progress, Projection, VelocityField, advect
 from nsm.geometry.distance import closest_points
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.projection import project_to_level
@@ -103,7 +103,7 @@ def carry_surface(
     morph: Morph,
     times: Sequence[float],
     resolution: int,
-    method: Method = DEFAULT_METHOD,
+    method: AdvectionMethod = DEFAULT_METHOD,
     project: Projection | None = None,
     progress: Progress | None = None,
 ) -> Carried:
@@ -113,7 +113,7 @@ def carry_surface(
         morph: the morph.
         times: from 0 to 1.
         resolution: cells along the longest edge of ``morph.bounds`` for the surface.
-        method, project, progress: of `nsm.geometry.advection.carry`; ``LevelProjection(morph)`` keeps to the surface.
+        method, project, progress: of `nsm.geometry.advection.advect`; ``LevelProjection(morph)`` keeps to the surface.
 
     Raises:
         InputError: if the morph has no velocity, or no surface at t = 0.
@@ -132,7 +132,7 @@ def carry_mesh(
     morph: Morph,
     source: TexturedMesh,
     times: Sequence[float],
-    method: Method = DEFAULT_METHOD,
+    method: AdvectionMethod = DEFAULT_METHOD,
     project: Projection | None = None,
     progress: Progress | None = None,
 ) -> Carried:
@@ -145,7 +145,7 @@ def carry_mesh(
         morph: the morph.
         source: in the coordinates of the morph.
         times: from 0 to 1.
-        method, project, progress: of `nsm.geometry.advection.carry`.
+        method, project, progress: of `nsm.geometry.advection.advect`.
 
     Raises:
         InputError: if the morph has no velocity, or the mesh no vertices.
@@ -155,7 +155,7 @@ def carry_mesh(
         raise InputError("a mesh without vertices cannot be carried: give one with a surface")
     places, place_of = torch.unique(mesh.vertices.to(morph.bounds.device), dim=0, return_inverse=True)
     start = places if project is None else project(places, 0.0)
-    carried = carry(velocity_of(morph), start, [0.0, *times], method, project, progress)[1:]
+    carried = advect(velocity_of(morph), start, [0.0, *times], method, project, progress)[1:]
     if isinstance(project, LevelProjection) and project.stayed:
         message = "%d of %d moves to the surface found none within reach: those points went on as they were carried"
         log.warning(message, project.stayed, project.asked)

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.geometry.advection import RungeKutta, carry
+from nsm.geometry.advection import RungeKutta, advect
 from nsm.geometry.distance import sample_mesh
 from nsm.geometry.flow import FlowError, FlowMaps
 from nsm.geometry.grid import CHUNK, Lattice, evaluate
@@ -125,7 +125,7 @@ class ExactEnds(Morph):
             moved = self.flow.at(time)(x).split(self.dim, 1)
             value = self.morph(x, time)
             for end, displacement in zip(self._ends, moved, strict=True):
-                there = carry(self._velocity, x, [time, end.time], _DIRECT)[-1]
+                there = advect(self._velocity, x, [time, end.time], _DIRECT)[-1]
                 distances.append((x + displacement - there).norm(dim=1))
                 value = value + end.weight(torch.as_tensor(time).to(x)) * end.difference(there)
             differences.append((self(x, time) - value).abs())
@@ -226,7 +226,7 @@ class ExactEnds(Morph):
         places = []
         for end in self._ends:
             stretch = torch.cat([x, t, end.time - t], 1)  # s in [0, 1] is the part of it that is done
-            places.append(carry(self._stretched, stretch, [0.0, 1.0], _DIRECT)[-1, :, : self.dim])
+            places.append(advect(self._stretched, stretch, [0.0, 1.0], _DIRECT)[-1, :, : self.dim])
         return tuple(places)
 
     def _stretched(self, state: Tensor, share: float) -> Tensor:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.geometry.advection import RungeKutta, carry
+from nsm.geometry.advection import RungeKutta, advect
 from nsm.geometry.meshing import extract_surface
 from nsm.metrics.residuals import eikonal_residual, level_set_residual
 from nsm.morphs.advected import velocity_of
@@ -75,7 +75,7 @@ def carried_colors(morph: Morph, points: Float[Tensor, "n d"], time: float) -> F
         InputError: if the morph has no velocity.
     """
     velocity = velocity_of(morph)
-    origin = carry(velocity, points, [time, 0.0], _METHOD)[-1]
+    origin = advect(velocity, points, [time, 0.0], _METHOD)[-1]
     return position_colors(origin, surface_bounds(morph, 0.0))
 
 

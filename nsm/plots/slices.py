@@ -162,7 +162,7 @@ def _slice(morph: Morph, time: float, plane: Plane, residual: Residual, resoluti
     """Values and residuals on the pixels of the plane, the lowest row first."""
     across = [axis for axis in range(morph.dim) if morph.dim == 2 or AXES[axis] != plane.axis]
     bounds = morph.bounds[:, across]
-    lattice = Lattice.centres(bounds, resolution)
+    lattice = Lattice.centers(bounds, resolution)
     ticks = [torch.arange(n, device=bounds.device) for n in lattice.shape]
     flat = lattice.points(torch.stack(torch.meshgrid(*ticks, indexing="xy"), -1)).view(-1, 2)
     points = _lifted(flat, across, morph.dim, plane.offset)

@@ -19,8 +19,8 @@ from torch import Tensor
 
 from nsm.cli.errors import InputError
 from nsm.fields import Free, NullDiv, VectorSiren, Velocity
-from nsm.geometry import advection as transport
-from nsm.geometry.advection import Adaptive, Method, RungeKutta, carry
+from nsm.geometry import advection
+from nsm.geometry.advection import Adaptive, AdvectionMethod, RungeKutta, advect
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.projection import project_to_level
 from nsm.geometry.topology import enclosed_volume
@@ -61,9 +61,9 @@ def swirled(x: Tensor, t: float) -> Tensor:
 @pytest.mark.parametrize(
     ("method", "accuracy"), [(RungeKutta(32), 1e-7), (Adaptive(1e-7), 1e-6)], ids=["rk4", "dopri5"]
 )
-def test_points_go_where_the_exact_motion_takes_them(name: str, dim: int, method: Method, accuracy: float) -> None:
+def test_points_follow_the_exact_motion(name: str, dim: int, method: AdvectionMethod, accuracy: float) -> None:
     motion, x, times = MOTIONS[name](dim), cloud(dim), [0.0, 0.3, 1.0]
-    carried = carry(motion.velocity, x, times, method)
+    carried = advect(motion.velocity, x, times, method)
     expected = torch.stack([trajectory(motion, x, t) for t in times])
     assert carried.shape == (3, 40, dim)
     assert carried.dtype == torch.float64
@@ -74,7 +74,7 @@ def test_points_go_where_the_exact_motion_takes_them(name: str, dim: int, method
 def test_runge_kutta_has_order_four() -> None:
     x = cloud(2)
     errors = [
-        float((carry(swirl, x, [0.0, 1.0], RungeKutta(steps))[-1] - swirled(x, 1.0)).abs().max())
+        float((advect(swirl, x, [0.0, 1.0], RungeKutta(steps))[-1] - swirled(x, 1.0)).abs().max())
         for steps in (4, 8, 16, 32)
     ]
     orders = [math.log2(a / b) for a, b in pairwise(errors)]
@@ -84,74 +84,74 @@ def test_runge_kutta_has_order_four() -> None:
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
 def test_an_adaptive_method_keeps_near_its_tolerance(tolerance: float) -> None:
     x = cloud(2)
-    error = float((carry(swirl, x, [0.0, 1.0], Adaptive(tolerance))[-1] - swirled(x, 1.0)).abs().max())
+    error = float((advect(swirl, x, [0.0, 1.0], Adaptive(tolerance))[-1] - swirled(x, 1.0)).abs().max())
     # the tolerance is for a step, and there are a few
     assert error < 5 * tolerance
 
 
 @pytest.mark.parametrize("method", [RungeKutta(64), Adaptive(1e-8)], ids=["rk4", "dopri5"])
-def test_forth_and_back_is_where_it_began(method: Method) -> None:
+def test_forth_and_back_is_where_it_began(method: AdvectionMethod) -> None:
     x = cloud(2)
-    there_and_back = carry(swirl, x, [0.2, 1.0, 0.2], method)
+    there_and_back = advect(swirl, x, [0.2, 1.0, 0.2], method)
     assert float((there_and_back[2] - x).abs().max()) < 1e-6
-    assert torch.equal(there_and_back[:2], carry(swirl, x, [0.2, 1.0], method))
+    assert torch.equal(there_and_back[:2], advect(swirl, x, [0.2, 1.0], method))
 
 
 def test_times_on_the_way_cost_no_accuracy() -> None:
     x = cloud(2)
-    many = carry(swirl, x, torch.linspace(0, 1, 7), RungeKutta(32))
+    many = advect(swirl, x, torch.linspace(0, 1, 7), RungeKutta(32))
     assert float((many - torch.stack([swirled(x, t / 6) for t in range(7)])).abs().max()) < 1e-6
 
 
 def test_chunks_change_nothing_and_progress_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
     x, told = cloud(2, 50), []
-    whole = carry(swirl, x, [0.0, 0.5, 1.0], RungeKutta(4))
-    monkeypatch.setattr(transport, "CHUNK", 20)
-    parts = carry(swirl, x, [0.0, 0.5, 1.0], RungeKutta(4), progress=lambda done, total: told.append((done, total)))
+    whole = advect(swirl, x, [0.0, 0.5, 1.0], RungeKutta(4))
+    monkeypatch.setattr(advection, "CHUNK", 20)
+    parts = advect(swirl, x, [0.0, 0.5, 1.0], RungeKutta(4), progress=lambda done, total: told.append((done, total)))
     torch.testing.assert_close(parts, whole, rtol=0, atol=1e-14)
     assert told == [(done, 12) for done in range(1, 13)]
 
 
 def test_single_precision_no_points_and_one_time() -> None:
-    single = carry(swirl, cloud(2).float(), [0.0, 1.0])
+    single = advect(swirl, cloud(2).float(), [0.0, 1.0])
     assert single.dtype == torch.float32
-    assert carry(swirl, torch.empty(0, 2), [0.0, 1.0]).shape == (2, 0, 2)
+    assert advect(swirl, torch.empty(0, 2), [0.0, 1.0]).shape == (2, 0, 2)
     x = cloud(2)
-    assert torch.equal(carry(swirl, x, [0.7]), x[None])
-    assert torch.equal(carry(swirl, x, [0.7, 0.7], Adaptive())[1], x)
+    assert torch.equal(advect(swirl, x, [0.7]), x[None])
+    assert torch.equal(advect(swirl, x, [0.7, 0.7], Adaptive())[1], x)
 
 
 def test_no_graph_is_kept() -> None:
     x = cloud(2).requires_grad_()
-    assert not carry(swirl, x, [0.0, 1.0], RungeKutta(2)).requires_grad
+    assert not advect(swirl, x, [0.0, 1.0], RungeKutta(2)).requires_grad
 
 
 @pytest.mark.parametrize("times", [[], [0.0, math.nan], [math.inf]])
 def test_times_that_are_none(times: list[float]) -> None:
-    with pytest.raises(InputError, match="give finite numbers"):
-        carry(swirl, cloud(2), times)
+    with pytest.raises(InputError, match="`times` must be finite numbers"):
+        advect(swirl, cloud(2), times)
 
 
 def test_methods_that_are_none() -> None:
-    with pytest.raises(InputError, match="steps=0"):
+    with pytest.raises(InputError, match=r"steps.*0"):
         RungeKutta(0)
-    with pytest.raises(InputError, match="tolerance=0"):
+    with pytest.raises(InputError, match=r"tolerance.*0"):
         Adaptive(0.0)
-    with pytest.raises(InputError, match="tolerance=nan"):
+    with pytest.raises(InputError, match=r"tolerance.*nan"):
         Adaptive(math.nan)
-    with pytest.raises(InputError, match="stops_per_unit=-1"):
+    with pytest.raises(InputError, match=r"stops_per_unit.*-1"):
         Adaptive(1e-4, -1)
 
 
 def test_what_no_step_can_solve_is_said_in_one_sentence() -> None:
-    with pytest.raises(InputError, match="lost in the rounding"):
-        carry(swirl, cloud(2).float(), [0.0, 1.0], Adaptive(1e-9))
+    with pytest.raises(InputError, match=r"`tolerance` must be at least .* got"):
+        advect(swirl, cloud(2).float(), [0.0, 1.0], Adaptive(1e-9))
 
     def broken(x: Tensor, t: float) -> Tensor:
         return torch.full_like(x, math.nan)
 
-    with pytest.raises(InputError, match="no step is short enough"):
-        carry(broken, cloud(2), [0.0, 1.0], Adaptive(1e-4))
+    with pytest.raises(InputError, match=r"`tolerance` must be reachable"):
+        advect(broken, cloud(2), [0.0, 1.0], Adaptive(1e-4))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -190,8 +190,8 @@ def test_projected_points_stay_on_a_surface_that_few_steps_would_lose() -> None:
     start = extract_surface(lambda x: motion(x, 0.0), motion.bounds, 16).vertices
     on = LevelProjection(motion)(start, 0.0)
     times, method = [0.0, 0.5, 1.0], RungeKutta(2)
-    lost = carry(motion.velocity, on, times, method)
-    kept = carry(motion.velocity, on, times, method, LevelProjection(motion))
+    lost = advect(motion.velocity, on, times, method)
+    kept = advect(motion.velocity, on, times, method, LevelProjection(motion))
     off = [float(motion(x, 1.0).abs().max()) for x in (lost[-1], kept[-1])]
     assert off[1] < 1e-9 < 1e-6 < off[0]
 
@@ -234,7 +234,7 @@ def carried_volume_change(field: Velocity, mesh: SimplexMesh) -> float:
         p = torch.cat([x, torch.full((len(x), 1), t, dtype=x.dtype)], 1)
         return field(p, Jet(p[:, 0], torch.zeros_like(p)))
 
-    moved = carry(velocity, mesh.vertices, [0.0, 1.0])[-1]
+    moved = advect(velocity, mesh.vertices, [0.0, 1.0])[-1]
     assert float((moved - mesh.vertices).norm(dim=1).mean()) > 0.05
     return abs(enclosed_volume(mesh._replace(vertices=moved)) / enclosed_volume(mesh) - 1)
 

@@ -75,7 +75,7 @@ def test_summary():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_an_empty_mesh_is_named(dim):
     empty = SimplexMesh(torch.zeros(0, dim), torch.zeros(0, dim, dtype=torch.long))
-    with pytest.raises(ValueError, match="without simplices"):
+    with pytest.raises(ValueError, match="`mesh` must have at least one simplex"):
         closest_points(torch.zeros(1, dim), empty)
-    with pytest.raises(ValueError, match="without area"):
+    with pytest.raises(ValueError, match="`mesh` must have a positive area"):
         sample_mesh(empty, 3)

@@ -75,7 +75,7 @@ def test_beyond_the_lattice_nothing_changes(dim):
 
 
 def test_values_that_do_not_fit_the_lattice():
-    with pytest.raises(ValueError, match="values must have a row for each of 9 points, got 8 rows"):
+    with pytest.raises(ValueError, match="`values` must have one row for each of 9 points, got 8 rows"):
         Interpolant(Lattice.corners(BOX[:, :2], 2)._replace(shape=(3, 3)), torch.zeros(8, 1, dtype=torch.float64))
 
 

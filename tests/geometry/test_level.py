@@ -96,13 +96,13 @@ def test_a_surface_that_leaves_the_box_has_no_exact_volume():
     away = LinearMotion(Ball(3), drift=[0.9, 0.0, -0.9])
     levels = ExactVolume(away, 16)
     levels(0.0)
-    with pytest.raises(InputError, match=r"at t = 1 the surface leaves the box by its sides \+x, -z, so"):
+    with pytest.raises(InputError, match=r"at t = 1 `bounds` must contain the surface .* at \+x, -z\."):
         levels(1.0)
 
 
 @pytest.mark.parametrize("field", [lambda x: ball(x) + 3, lambda x: ball(x).clamp(-0.001, 0.1)])
 def test_a_volume_that_no_level_encloses_is_named(field):
-    with pytest.raises(InputError, match="no level of the field near 0 encloses the volume 2"):
+    with pytest.raises(InputError, match="`resolution` must be high enough for a level that encloses the volume 2"):
         level_of_volume(field, CUBE, 12, 2.0)
 
 

@@ -11,7 +11,8 @@ from problems import MOTIONS, Ball, Box
 from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
-from nsm.geometry.grid import Lattice, sample_band
+from nsm.geometry.band import sample_band
+from nsm.geometry.grid import Lattice
 from nsm.geometry.meshing import OFF_LEVEL, extract_surface, open_sides, surface_in_band
 from nsm.geometry.topology import component_count, enclosed_volume, euler_number, measure, simplex_normals
 

@@ -8,7 +8,8 @@ import pytest
 import torch
 from problems import MOTIONS, Ball, Box
 
-from nsm.geometry.grid import Lattice, sample_band
+from nsm.geometry.band import sample_band
+from nsm.geometry.grid import Lattice
 from nsm.geometry.volume import cell_fraction, volume, volume_in_band, volume_with_error
 
 CUBE = torch.tensor([[-1.0] * 3, [1.0] * 3], dtype=torch.float64)
@@ -125,7 +126,7 @@ def test_the_error_that_is_told_falls_as_the_true_one(bounds):
 
 
 def test_one_band_gives_the_volume_at_all_levels_in_its_reach():
-    lattice = Lattice.centres(CUBE, 48)
+    lattice = Lattice.centers(CUBE, 48)
     band = sample_band(torus, lattice, reach=0.1)
     for level in (-0.1, -0.02, 0.05, 0.1):
         alone = volume(lambda x, c=level: torus(x) - c, CUBE, 48)
@@ -150,7 +151,7 @@ def test_what_leaves_the_box_is_cut_off():
 def test_oblong_boxes_have_nearly_cubic_cells():
     bounds = torch.tensor([[-1.0, -0.6, -0.7], [1.0, 0.8, 0.6]], dtype=torch.float64)
     assert relative_error(ball, bounds, 64, math.pi / 6) < 1e-4
-    assert Lattice.centres(bounds, 64).shape == (64, 45, 42)
+    assert Lattice.centers(bounds, 64).shape == (64, 45, 42)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -197,7 +198,7 @@ def test_the_band_is_small():
 
 
 def test_impossible_boxes_are_named():
-    with pytest.raises(ValueError, match="first row lies below the second"):
+    with pytest.raises(ValueError, match="`bounds` must be a box with positive edges"):
         volume(ball, CUBE.flip(0), 8)
     with pytest.raises(ValueError, match="resolution=0"):
         volume(ball, CUBE, 0)

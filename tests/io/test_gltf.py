@@ -17,7 +17,7 @@ from problems import MOTIONS
 from pygltflib import GLTF2
 
 from nsm.cli.errors import InputError
-from nsm.geometry.advection import carry
+from nsm.geometry.advection import advect
 from nsm.geometry.topology import enclosed_volume
 from nsm.io.gltf import write_glb_carried, write_glb_frames
 from nsm.io.moving import is_closed, linear_rgb, playing_times
@@ -50,7 +50,7 @@ def extracted() -> list[Frame]:
 @pytest.fixture(scope="module")
 def carried(extracted: list[Frame]) -> list[Frame]:
     first = extracted[0].mesh
-    places = carry(MOTION.velocity, first.vertices, TIMES)
+    places = advect(MOTION.velocity, first.vertices, TIMES)
     return [
         Frame(time, 0.0, SimplexMesh(x, first.simplices), torch.nn.functional.normalize(MOTION.gradient(x, time)))
         for time, x in zip(TIMES, places, strict=True)

@@ -224,7 +224,7 @@ def test_every_point_may_have_its_own_time(morph: TransportMorph) -> None:
 
 def test_volumes_sampled_near_the_surface_are_those_of_the_whole_grid(morph: TransportMorph) -> None:
     field = partial(morph, t=0.4)
-    lattice = Lattice.centres(morph.bounds, 40)
+    lattice = Lattice.centers(morph.bounds, 40)
     index = torch.stack(torch.meshgrid(*(torch.arange(n) for n in lattice.shape), indexing="ij"), -1)
     inside = (values_on(field, lattice.points(index.view(-1, morph.dim))) < 0).float().mean() * 2**morph.dim
     assert volume(field, morph.bounds, 40) == pytest.approx(float(inside), rel=0.02)

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from nsm.fields import ScalarNetwork
-from nsm.geometry.grid import Lattice, sample_band
+from nsm.geometry.band import sample_band
+from nsm.geometry.grid import Lattice
 from nsm.geometry.meshing import extract_surface, surface_in_band
 from nsm.geometry.topology import component_volumes, enclosed_volume
 from nsm.geometry.volume import volume_in_surface

@@ -13,8 +13,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from nsm.geometry.band import sample_band
 from nsm.geometry.distance import sample_mesh
-from nsm.geometry.grid import Lattice, evaluate, sample_band
+from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.meshing import open_sides, surface_in_band
 from nsm.geometry.volume import volume, volume_in_surface
 from nsm.metrics import VolumeCurve, even_times, volume_beyond
