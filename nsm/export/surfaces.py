@@ -52,7 +52,7 @@ class Surfaces(ABC):
         """The surface at one of the times, in double precision: a file's coordinates may lie far from its origin."""
         frame = self.extract(time)
         mesh = self.place(frame.mesh)
-        return Frame(frame.time, frame.level, mesh, self._back.turn(frame.normals.double()))
+        return Frame(frame.time, frame.level, mesh, self._back.rotate(frame.normals.double()))
 
     def place(self, mesh: SimplexMesh) -> SimplexMesh:
         """A mesh in the coordinates of the morph, taken to those that were asked for."""

@@ -14,6 +14,8 @@ from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.topology import enclosed_volume, simplex_normals
 from nsm.types import SignedDistance, SimplexMesh
 
+#: Default number of cells along the longest edge of a box for the volume of a shape or a morph, by dimension.
+DEFAULT_RESOLUTION = {2: 512, 3: 128}
 #: Smallest component of a gradient relative to its largest, which keeps `cell_fraction` away from 0/0. Such a tilt does
 #: not change volume: a plane that rotates about the center of a cell gains on one side what it loses on the other.
 _MIN_TILT = 1e-4

@@ -28,7 +28,7 @@ from torch import nn
 import nsm
 from nsm.cli.errors import InputError
 from nsm.shapes import MeshFile, Similarity, SirenFile, SirenShape
-from nsm.shapes.primitive import Pose
+from nsm.shapes.similarity import Pose
 from nsm.types import Morph
 
 FORMAT = 1

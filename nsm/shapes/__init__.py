@@ -1,4 +1,4 @@
-"""Shapes: the ends of a morph."""
+"""Shapes, which are the ends of a morph."""
 
 from nsm.shapes.base import FieldShape, Shape, working_box
 from nsm.shapes.download import fetch, resolve

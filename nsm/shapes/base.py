@@ -1,4 +1,4 @@
-"""Shapes: what has a surface and an inside."""
+"""The interfaces of shapes: sets with a surface and an inside."""
 
 from __future__ import annotations
 
@@ -16,85 +16,89 @@ from nsm.cli.errors import InputError
 from nsm.geometry.grid import evaluate
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.projection import newton_to_level
-from nsm.geometry.volume import volume
+from nsm.geometry.volume import DEFAULT_RESOLUTION, volume
 from nsm.shapes.sampling import ambient_points, sample_mesh_surface
 from nsm.shapes.similarity import Similarity
 from nsm.types import DistanceSamples, Jet, SimplexMesh, SurfaceSamples
 
-#: Cells along the longest side of the grid that a field's surface is extracted on before points are drawn.
+#: Number of cells along the longest side of the grid on which the surface of a field is extracted, by dimension.
 SURFACE_RESOLUTION = {2: 512, 3: 128}
-#: The same for volumes.
-VOLUME_RESOLUTION = {2: 512, 3: 128}
 
 Field = TypeVar("Field", bound="FieldShape")
 
 
 def working_box(dim: int) -> Float[Tensor, "2 d"]:
-    """The corners of [-1, 1]^d."""
+    """Return the corners of [-1, 1]^d, shape (2, d)."""
     return torch.tensor([[-1.0] * dim, [1.0] * dim])
 
 
 class Shape(ABC):
-    """A shape: what a config names, whatever it was made from."""
+    """A shape that can be an end of a morph."""
 
     #: Dimension of the space, 2 or 3.
     dim: int
 
     @abstractmethod
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
-        """Points drawn on the surface, uniformly by area where the data allow it, with outward unit normals."""
+        """Sample points on the surface, uniformly by area where the data allow it, with outward unit normals."""
 
     @abstractmethod
     def distance_samples(
         self, count: int, generator: torch.Generator, bounds: Float[Tensor, "2 d"] | None = None
     ) -> DistanceSamples:
-        """Points with true signed distances: half uniform in ``bounds`` ([-1, 1]^d if None), half near the surface.
+        """Sample points with true signed distances, half of them uniform in a box and half near the surface.
 
-        The near ones are surface points plus Gaussian offsets (`nsm.shapes.sampling.NEAR_SIGMAS`).
+        Points near the surface are surface points plus Gaussian offsets (`nsm.shapes.sampling.NEAR_SIGMAS`).
+
+        Args:
+            count: Number of points.
+            generator: Source of random numbers.
+            bounds: Corners of the box, shape (2, d); [-1, 1]^d if None.
         """
 
     @abstractmethod
     def transformed(self, similarity: Similarity) -> Shape:
-        """The shape moved by a similarity, on top of what it has."""
+        """Apply a similarity after the present pose of the shape, and return the result as a new shape."""
 
     @abstractmethod
     def exact_bounds(self) -> Float[Tensor, "2 d"]:
-        """Corners of the smallest axis-parallel box that holds the shape, lowest first, in double precision.
+        """Compute the axis-aligned bounding box, shape (2, d), in double precision.
 
-        The coordinates of a file may lie far from their origin, where single precision is coarser than the shape.
+        The coordinates of a file may lie far from the origin, where single precision is coarser than the shape.
         """
 
     def bounds(self) -> Float[Tensor, "2 d"]:
-        """The same in the default precision."""
+        """Compute the axis-aligned bounding box, shape (2, d), in the default precision."""
         return self.exact_bounds().to(torch.get_default_dtype())
 
     @abstractmethod
     def volume(self) -> float:
-        """Volume (area in 2D) of the inside."""
+        """Compute the volume of the inside (area in 2D)."""
 
     @abstractmethod
     def provenance(self) -> dict[str, Any]:
-        """Where the shape comes from, in plain numbers and strings.
+        """Describe the origin of the shape in plain numbers and strings.
 
-        ``kind``, ``path`` and ``sha256`` where there is a file, and ``similarity``: what took the coordinates of the
-        file (or of the formula) to the box, as `Similarity.read` reads it; its inverse takes results back.
+        The keys are ``kind``; ``path`` and ``sha256`` if there is a file; and ``similarity``, which maps the
+        coordinates of the file (or of the formula) to the box, in the format of `Similarity.read`. Its inverse maps
+        results back.
         """
 
     @abstractmethod
     def content_key(self) -> str:
-        """A hash of all that decides the shape: equal for equal shapes, so that a fit to it can be found again."""
+        """Hash everything that determines the shape, so that a network fitted to it can be found again."""
 
 
 class FieldShape(nn.Module, Shape):
-    """A shape that is itself a signed distance field g, negative inside.
+    """A shape given by a signed distance field g, negative inside.
 
-    A field is defined in its own coordinates and carried to the box by ``placement`` (x ↦ s R x + t), so that
-    the field in the box is s g(Rᵀ(x − t)/s). A checkpoint keeps it as ``config()`` and ``state_dict()``.
+    The field is defined in local coordinates, and ``placement`` (x ↦ s R x + t) maps them to the box, where the signed
+    distance is s g(Rᵀ(x − t)/s). A checkpoint contains ``config()`` and ``state_dict()``.
 
     Args:
-        dim: dimension d.
-        similarity: from the coordinates of the file, or of the formula, to the box.
-        placement: from the field's own coordinates to the box; ``similarity`` if None.
+        dim: Dimension d of space.
+        similarity: Map from the coordinates of the file, or of the formula, to the box.
+        placement: Map from the local coordinates of the field to the box; ``similarity`` if None.
     """
 
     similarity: Similarity
@@ -105,26 +109,26 @@ class FieldShape(nn.Module, Shape):
         self.dim = dim
         self.similarity = similarity
         self.placement = similarity if placement is None else placement
-        self._own_surface: SimplexMesh | None = None
+        self._local_surface: SimplexMesh | None = None
 
     @abstractmethod
-    def own_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Signed distance (n,) at p (n, d) in the field's own coordinates."""
+    def local_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
+        """Evaluate the signed distance, shape (n,), at points in local coordinates, shape (n, d)."""
 
     @abstractmethod
     def config(self) -> dict[str, Any]:
-        """A ``_target_`` and its arguments: instantiating it and loading ``state_dict()`` gives this field again."""
+        """Return a ``_target_`` and its arguments; instantiating it and loading ``state_dict()`` restores the field."""
 
     @abstractmethod
-    def own_box(self) -> Float[Tensor, "2 d"]:
-        """A box in the field's own coordinates that holds its surface."""
+    def local_box(self) -> Float[Tensor, "2 d"]:
+        """Return the corners of a box in local coordinates that contains the surface, shape (2, d)."""
 
     def forward(self, x: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Signed distance (n,) at x (n, d) in the box: s g(Rᵀ(x − t)/s)."""
-        return self.placement.scale * self.own_distance(self.placement.pull_back(x))
+        """Evaluate the signed distance s g(Rᵀ(x − t)/s), shape (n,), at points in the box, shape (n, d)."""
+        return self.placement.scale * self.local_distance(self.placement.pull_back(x))
 
     def transformed(self: Field, similarity: Similarity) -> Field:
-        """The shape moved by a similarity, on top of what it has: x ↦ s g(Rᵀ(x − t)/s)."""
+        """Apply a similarity after the present pose of the shape, and return the result as a new shape."""
         moved = copy(self)
         moved._buffers, moved._modules = dict(self._buffers), deepcopy(self._modules)
         moved.similarity = similarity.after(self.similarity)
@@ -132,56 +136,55 @@ class FieldShape(nn.Module, Shape):
         return moved
 
     def jet(self, x: Float[Tensor, "n d"]) -> Jet:
-        """Value (n,) and gradient (n, d) at x (n, d) in the box, differentiable where the caller records a graph."""
-        own = self.own_jet(self.placement.pull_back(x))
-        return Jet(self.placement.scale * own.value, self.placement.turn(own.gradient))
+        """Evaluate signed distance and gradient at points in the box, shape (n, d); differentiable if x requires it."""
+        local = self.local_jet(self.placement.pull_back(x))
+        return Jet(self.placement.scale * local.value, self.placement.rotate(local.gradient))
 
-    def own_jet(self, p: Float[Tensor, "n d"]) -> Jet:
-        """Value (n,) and gradient (n, d) at p (n, d) in the field's own coordinates."""
+    def local_jet(self, p: Float[Tensor, "n d"]) -> Jet:
+        """Evaluate signed distance and gradient at points in local coordinates, shape (n, d)."""
         record = torch.is_grad_enabled() and p.requires_grad
         with torch.enable_grad():
             p = p if record else p.detach().requires_grad_()
-            value = self.own_distance(p)
+            value = self.local_distance(p)
             (gradient,) = torch.autograd.grad(value.sum(), p, create_graph=record)
         return Jet(value if record else value.detach(), gradient)
 
     def surface(self) -> SimplexMesh:
-        """The surface in the box."""
-        own = self.own_surface()
-        return SimplexMesh(self.placement.apply(own.vertices), own.simplices)
+        """Extract the surface in the coordinates of the box."""
+        local = self.local_surface()
+        return SimplexMesh(self.placement.apply(local.vertices), local.simplices)
 
-    def own_surface(self) -> SimplexMesh:
-        """The surface in own coordinates, extracted once on a grid over the field's own box and moved to its zeros."""
-        if self._own_surface is None:
-            mesh = extract_surface(self._own_field, self.own_box(), self._resolution(SURFACE_RESOLUTION))
+    def local_surface(self) -> SimplexMesh:
+        """Extract the surface in local coordinates once, and project its vertices to the zero level."""
+        if self._local_surface is None:
+            mesh = extract_surface(self._local_field, self.local_box(), self._resolution(SURFACE_RESOLUTION))
             if len(mesh.simplices) == 0:
                 raise InputError(
-                    f"The {self.provenance()['kind']} must have a surface in its domain, got none. Try a shape with an "
-                    "inside that is larger."
+                    f"The {self.provenance()['kind']} must have a surface in its domain, got none. Try a larger shape."
                 )
-            self._own_surface = SimplexMesh(self._onto_surface(mesh.vertices), mesh.simplices)
-        return self._own_surface
+            self._local_surface = SimplexMesh(self._onto_surface(mesh.vertices), mesh.simplices)
+        return self._local_surface
 
     def content_key(self) -> str:
-        """SHA-256 of the configuration and the state."""
+        """Hash configuration and state with SHA-256."""
         digest = hashlib.sha256(json.dumps(self.config(), sort_keys=True).encode())
         for value in self.state_dict().values():
             digest.update(value.cpu().numpy().tobytes())
         return digest.hexdigest()
 
     def exact_bounds(self) -> Float[Tensor, "2 d"]:
-        """Corners of the box around the extracted surface."""
-        vertices = self.placement.apply(self.own_surface().vertices.double())
+        """Compute the bounding box of the extracted surface."""
+        vertices = self.placement.apply(self.local_surface().vertices.double())
         return torch.stack([vertices.amin(0), vertices.amax(0)])
 
     def volume(self) -> float:
-        """Volume of the inside, from sub-voxel fractions on a grid over the field's own box."""
-        own = volume(self._own_field, self.own_box(), self._resolution(VOLUME_RESOLUTION))
-        return self.placement.scale**self.dim * own
+        """Compute the volume of the inside from fractions of cells on a grid over the local box."""
+        local = volume(self._local_field, self.local_box(), self._resolution(DEFAULT_RESOLUTION))
+        return self.placement.scale**self.dim * local
 
     @torch.no_grad()
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
-        """Points drawn by area on the extracted surface, then moved to the zero level; normals ∇g/|∇g|."""
+        """Sample points by area on the extracted surface, and project them to the zero level; normals are ∇g/‖∇g‖."""
         drawn, _ = sample_mesh_surface(self.surface(), count, generator)
         points, jet = newton_to_level(self.jet, drawn, steps=2)  # between vertices that lie on the surface
         return SurfaceSamples(points, nn.functional.normalize(jet.gradient, dim=1))
@@ -190,29 +193,29 @@ class FieldShape(nn.Module, Shape):
     def distance_samples(
         self, count: int, generator: torch.Generator, bounds: Float[Tensor, "2 d"] | None = None
     ) -> DistanceSamples:
-        """Points with true distances; the near ones lie around the extracted surface."""
+        """Sample points with true distances; those near the surface lie around the extracted surface."""
         surface, _ = sample_mesh_surface(self.surface(), max(count // 2, 1), generator)
         points = ambient_points(surface, count, generator, working_box(self.dim) if bounds is None else bounds)
         return DistanceSamples(points, self.true_distance(points))
 
     def true_distance(self, x: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Signed distance to the surface (n,) at x (n, d) in the box: the field itself, unless it is none far away."""
+        """Evaluate the true signed distance at points in the box: the field itself, unless a subclass corrects it."""
         return evaluate(self, x)
 
     def _resolution(self, standard: dict[int, int]) -> int:
-        """Cells along the longest side of the field's own box."""
+        """Return the number of cells along the longest side of the local box."""
         return standard[self.dim]
 
     @torch.no_grad()
-    def _own_field(self, p: Tensor) -> Tensor:
-        return self.own_distance(p)
+    def _local_field(self, p: Tensor) -> Tensor:
+        return self.local_distance(p)
 
     @torch.no_grad()
     def _onto_surface(self, p: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
-        """Points of an extracted surface moved to the zero level by one Newton step, by at most half a cell."""
-        return newton_to_level(self.own_jet, p, steps=1, reach=self._own_cell() / 2)[0]
+        """Project points of an extracted surface to the zero level by one Newton step of at most half a cell."""
+        return newton_to_level(self.local_jet, p, steps=1, reach=self._local_cell() / 2)[0]
 
-    def _own_cell(self) -> float:
-        """Edge of the cells on which the surface is extracted, in own coordinates."""
-        low, high = self.own_box()
+    def _local_cell(self) -> float:
+        """Return the edge of the cells on which the surface is extracted, in local coordinates."""
+        low, high = self.local_box()
         return float((high - low).max()) / self._resolution(SURFACE_RESOLUTION)

@@ -1,4 +1,4 @@
-"""Public data by name: looked for under NSM_DATA_DIR, else downloaded once, and always checked."""
+"""Public data by name: found under NSM_DATA_DIR or downloaded once, and verified by checksum."""
 
 from __future__ import annotations
 
@@ -16,12 +16,19 @@ from nsm.cli.errors import InputError
 
 log = logging.getLogger(__name__)
 
-#: Seconds to wait for a server.
+#: Timeout of a download, in seconds.
 TIMEOUT = 10
 
 
 class Entry(NamedTuple):
-    """A line of the manifest."""
+    """A file of the manifest.
+
+    Attributes:
+        path: Name of the file, and its path relative to NSM_DATA_DIR.
+        bytes: Size in bytes.
+        sha256: SHA-256 checksum in hexadecimal.
+        url: Address from which the file is downloaded.
+    """
 
     path: str
     bytes: int
@@ -31,65 +38,68 @@ class Entry(NamedTuple):
 
 @cache
 def manifest() -> dict[str, Entry]:
-    """The files that nsm knows by name, from ``manifest.tsv`` beside this module."""
+    """Read the public files by name from ``manifest.tsv`` beside this module."""
     with files("nsm.shapes").joinpath("manifest.tsv").open(encoding="utf-8") as lines:
         rows = csv.DictReader(lines, delimiter="\t")
         return {row["path"]: Entry(row["path"], int(row["bytes"]), row["sha256"], row["url"]) for row in rows}
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file's content, in hex."""
+    """Compute the SHA-256 checksum of a file in hexadecimal."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def fetch(name: str) -> Path:
-    """A checked local copy of a file of the manifest.
+    """Find or download a file of the manifest, and verify its checksum.
 
     Args:
-        name: a path of the manifest, such as ``official/ni/kitten.pth``.
+        name: Path in the manifest, such as ``official/ni/kitten.pth``.
+
+    Returns:
+        Path of the local copy.
 
     Raises:
-        InputError: if the name is unknown, a copy has another checksum, or there is neither copy nor network.
+        InputError: If the name is unknown, the checksum differs, or there is neither a copy nor a network.
     """
     entry = manifest().get(name)
     if entry is None:
         near = get_close_matches(name, manifest(), n=3)
-        hint = f"did you mean {' or '.join(near)}" if near else "see nsm/shapes/manifest.tsv for the names"
-        raise InputError(f"{name} is not among the public files that nsm knows: {hint}?")
+        hint = " or ".join(f"`{match}`" for match in near) if near else "a name in `nsm/shapes/manifest.tsv`"
+        raise InputError(f"`path` must be the name of a public file, got {name}. Try {hint}.")
     root = os.environ.get("NSM_DATA_DIR")
     if root and (local := Path(root).expanduser() / entry.path).is_file():
         if (found := file_sha256(local)) != entry.sha256:
             raise InputError(
-                f"{local} is not the file it should be (SHA-256 {found[:12]}…, expected {entry.sha256[:12]}…): "
-                f"replace it by {entry.url}, or delete it to have it downloaded."
+                f"{local} must have the SHA-256 checksum {entry.sha256[:12]}…, got {found[:12]}…. Try to replace it by "
+                f"{entry.url}, or delete it so that it is downloaded."
             )
         return local
     return _download(entry)
 
 
 def resolve(path: str | os.PathLike[str]) -> Path:
-    """A file that exists: the local one of that path, else the public one of that name.
+    """Find a local file of that path, or else the public file of that name.
 
     Raises:
-        InputError: if there is neither, or the path is a folder.
+        InputError: If there is neither, or the path is a folder.
     """
     local = Path(path).expanduser()
     if local.is_file():
         return local
     if local.is_dir():
-        raise InputError(f"{local} is a folder: give the path of one file in it.")
+        raise InputError(f"`path` must be a file, got the folder {local}. Try the path of a file in it.")
     if str(path) in manifest():
         return fetch(str(path))
     near = get_close_matches(str(path), manifest(), n=1)
     raise InputError(
-        f"There is no file {local}: give the path of an existing file"
-        + (f" or a public name such as {near[0]}." if near else ".")
+        f"`path` must be an existing file or a public name, got {local}. Try "
+        + (f"`{near[0]}`." if near else "`meshes/spot.obj`.")
     )
 
 
 def _download(entry: Entry) -> Path:
-    import pooch  # here, because it takes long to import and most runs download nothing
+    import pooch  # imported here because it is slow to import and rarely needed
 
     cache_dir = pooch.os_cache("nsm")
     pooch.get_logger().setLevel(logging.WARNING)
@@ -106,9 +116,12 @@ def _download(entry: Entry) -> Path:
                 downloader=pooch.HTTPDownloader(timeout=TIMEOUT),
             )
         )
-    except (OSError, ValueError) as error:  # requests' errors are OSErrors; pooch's checksum error a ValueError
+    except (
+        OSError,
+        ValueError,
+    ) as error:  # errors of requests are OSErrors, and the checksum error of pooch is a ValueError
         log.debug("download failed", exc_info=error)
         raise InputError(
-            f"{entry.path} is neither under NSM_DATA_DIR nor could it be downloaded ({type(error).__name__}): fetch "
-            f"{entry.url} elsewhere, put it at $NSM_DATA_DIR/{entry.path} and set NSM_DATA_DIR to that folder."
+            f"{entry.path} must be under NSM_DATA_DIR or downloadable, got {type(error).__name__} on download. Try to "
+            f"download {entry.url} elsewhere, and save it as $NSM_DATA_DIR/{entry.path}."
         ) from error

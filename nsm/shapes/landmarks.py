@@ -1,4 +1,4 @@
-"""Landmarks: points of the source that are known to become certain points of the target."""
+"""Landmarks: corresponding points of source and target."""
 
 from __future__ import annotations
 
@@ -20,74 +20,82 @@ from nsm.shapes.download import resolve
 
 
 class LandmarkPairs(NamedTuple):
-    """Points of the source (k, d), and where each goes on the target (k, d), both in the box."""
+    """Corresponding points in the coordinates of the box.
+
+    Attributes:
+        source: Points of the source, shape (k, d).
+        target: Corresponding points of the target, shape (k, d).
+    """
 
     source: Float[Tensor, "k d"]
     target: Float[Tensor, "k d"]
 
 
 class Landmarks(ABC):
-    """Pairs of points in the coordinates of the two shapes' files."""
+    """Corresponding points in the coordinates of the files of both shapes."""
 
     @abstractmethod
     def read(self, dim: int) -> LandmarkPairs:
-        """The pairs as the files have them."""
+        """Read the landmarks in the coordinates of the files."""
 
     def place(self, source: FieldShape, target: FieldShape) -> LandmarkPairs:
-        """The pairs in the box, carried there with the shapes: fit, pose and normalisation of volume.
+        """Map the landmarks to the box with the similarities of the shapes.
 
         Raises:
-            InputError: if there are none, or their dimension is not that of the shapes.
+            InputError: If there are none, or their dimension is not that of the shapes.
         """
-        pairs = self.read(source.dim)
+        landmarks = self.read(source.dim)
         return LandmarkPairs(
             *(
                 shape.similarity.apply(points.double()).float()
-                for shape, points in zip((source, target), pairs, strict=True)
+                for shape, points in zip((source, target), landmarks, strict=True)
             )
         )
 
 
 class LandmarkTable(Landmarks):
-    """A CSV with one pair a row: d coordinates on the source, then d on the target; a row of names may stand above.
+    """Landmarks from a CSV file with rows of d coordinates on the source, then d on the target.
 
     Args:
-        path: the file.
+        path: The file, whose first row may contain names.
     """
 
     def __init__(self, path: str) -> None:
         self.path = Path(path)
 
     def read(self, dim: int) -> LandmarkPairs:
-        """The pairs of the file.
+        """Read the landmarks from the file.
 
         Raises:
-            InputError: if it cannot be read, or its rows are not 2 d numbers.
+            InputError: If the file cannot be read, or its rows are not 2 d numbers.
         """
         try:
             lines = [line.strip() for line in self.path.read_text().splitlines() if line.strip()]
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"landmarks.path={self.path} cannot be read ({error}): give a CSV file") from error
+            raise InputError(
+                f"`landmarks.path` must be a readable CSV file, got {self.path} ({error}). Try "
+                "`landmarks.path=FILE.csv`."
+            ) from error
         rows = [_numbers(line) for line in lines]
         if rows and rows[0] is None:
             rows = rows[1:]
         wrong = next((number for number, row in enumerate(rows, 1) if row is None or len(row) != 2 * dim), None)
         if not rows or wrong is not None:
-            where = "no rows" if not rows else f"no pair in row {wrong}"
+            found = "no rows" if not rows else f"other content in row {wrong}"
             raise InputError(
-                f"landmarks.path={self.path} has {where}: each row takes {2 * dim} numbers separated by commas, a "
-                "point of the source and then its point of the target"
+                f"`landmarks.path` must have {2 * dim} numbers in each row, a point of the source and its point of the "
+                f"target, got {found} in {self.path}. Try rows such as `{','.join(['0.1'] * 2 * dim)}`."
             )
         table = torch.tensor(rows, dtype=torch.float64)
         return LandmarkPairs(table[:, :dim], table[:, dim:])
 
 
 class LandmarkVertices(Landmarks):
-    """The same numbers of vertices on two meshes.
+    """Landmarks at vertices of two meshes.
 
     Args:
-        source_mesh, target_mesh: mesh files, in the coordinates of the shapes' files.
-        source_vertices, target_vertices: their indices, counted from 0; None takes every vertex, in order.
+        source_mesh, target_mesh: Mesh files, in the coordinates of the files of the shapes.
+        source_vertices, target_vertices: Indices of corresponding vertices, starting at 0; None for all in order.
     """
 
     def __init__(
@@ -101,22 +109,23 @@ class LandmarkVertices(Landmarks):
         self.vertices = (source_vertices, target_vertices)
 
     def read(self, dim: int) -> LandmarkPairs:
-        """The vertices.
+        """Read the vertices from the meshes.
 
         Raises:
-            InputError: if a mesh cannot be read or lacks a vertex, or one list is longer than the other.
+            InputError: If a mesh cannot be read or lacks a vertex, or the numbers of vertices differ.
         """
         source, target = (_vertices(mesh, chosen) for mesh, chosen in zip(self.meshes, self.vertices, strict=True))
         if len(source) != len(target) or dim != source.shape[1]:
             raise InputError(
-                f"landmarks are {len(source)} vertices of {self.meshes[0]} and {len(target)} of {self.meshes[1]}, for "
-                f"shapes in {dim}D: name as many of the one as of the other, on meshes in 3D"
+                "`landmarks` must be equally many vertices of two meshes of 3D shapes, got "
+                f"{len(source)} of {self.meshes[0]} and {len(target)} of {self.meshes[1]} for shapes in {dim}D. Try "
+                "`landmarks.source_vertices=[0,1]` and `landmarks.target_vertices=[0,1]`."
             )
         return LandmarkPairs(source, target)
 
 
 def _numbers(line: str) -> list[float] | None:
-    """The numbers of a row, None where there is anything else."""
+    """Parse the finite numbers of a row, or return None if there is anything else."""
     try:
         numbers = [float(cell) for cell in line.split(",")]
     except ValueError:
@@ -129,13 +138,17 @@ def _vertices(path: str, chosen: Sequence[int] | None) -> Float[Tensor, "k 3"]:
     try:
         mesh = trimesh.load(file, process=False, maintain_order=True, force="mesh")
     except (OSError, ValueError, KeyError, IndexError) as error:
-        raise InputError(f"{path} cannot be read as a mesh ({error}): give landmarks on obj or ply files") from error
+        raise InputError(
+            f"`landmarks` must refer to obj or ply files, got {path} ({error}). Try to export the mesh again."
+        ) from error
     if not isinstance(mesh, trimesh.Trimesh):
-        raise InputError(f"{path} holds no triangles: give landmarks on obj or ply files of meshes")
+        raise InputError(f"`landmarks` must refer to meshes with triangles, got {path} without. Try an obj file.")
     points = torch.as_tensor(np.asarray(mesh.vertices))
     if chosen is None:
         return points
     lost = [index for index in chosen if not 0 <= index < len(points)]
     if lost:
-        raise InputError(f"{path} has {len(points)} vertices, and landmarks name number {lost[0]}: count from 0")
+        raise InputError(
+            f"`landmarks` must refer to vertices 0 to {len(points) - 1} of {path}, got {lost[0]}. Try indices from 0."
+        )
     return points[torch.as_tensor(list(chosen), dtype=torch.long)]

@@ -1,4 +1,4 @@
-"""Shapes that are triangle meshes."""
+"""Shapes from triangle meshes."""
 
 from __future__ import annotations
 
@@ -14,41 +14,46 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from nsm.geometry.triangles import Triangles
-from nsm.geometry.volume import volume
-from nsm.shapes.base import VOLUME_RESOLUTION, FieldShape
+from nsm.geometry.volume import DEFAULT_RESOLUTION, volume
+from nsm.shapes.base import FieldShape
 from nsm.shapes.download import file_sha256, resolve
-from nsm.shapes.mesh_reading import openness, read_mesh, signed_volume, turned_outwards, welded
+from nsm.shapes.mesh_reading import merge_vertices, openness, orient_outward, read_mesh, signed_volume
 from nsm.shapes.placing import FilePlacement, centered
-from nsm.shapes.primitive import Pose
-from nsm.shapes.sampling import sample_mesh_surface, simplex_normals
-from nsm.shapes.similarity import Similarity
+from nsm.shapes.sampling import sample_mesh_surface, unit_normals
+from nsm.shapes.similarity import Pose, Similarity
 from nsm.shapes.solid import solid_boundary
 from nsm.types import Jet, SimplexMesh, SurfaceSamples
 
 log = logging.getLogger(__name__)
 
-#: Nearer to a triangle than this part of the size of the mesh, the gradient is the normal of the triangle: the
-#: direction from the closest point is lost in the rounding of the point.
+#: Distance to a triangle, relative to the size of the mesh, below which the gradient is the normal of the triangle,
+#: because rounding errors dominate the direction from the closest point.
 _ON_TRIANGLE = 1e-5
-#: Margin around the mesh in which its volume is measured on a grid, in parts of its size.
+#: Margin around the mesh in which its volume is measured on a grid, relative to its size.
 _MARGIN = 0.05
 
 
 class MeshShape(FieldShape):
-    """The signed distance to triangles: exact, and negative where their winding number is above 1/2.
+    """The signed distance to a triangle mesh: exact, and negative where the winding number exceeds 1/2.
 
-    The winding number (Jacobson et al., SIGGRAPH 2013; fast: Barill et al., SIGGRAPH 2018) is 1 inside and 0
-    outside a closed mesh and varies smoothly across holes, so that a mesh with holes has an inside too.
+    The winding number is 1 inside and 0 outside a closed mesh and varies smoothly across holes, so that a mesh with
+    holes has an inside as well. Vertices are stored in double precision relative to the center of the mesh, so that a
+    small mesh far from its origin does not lose precision.
 
     Args:
-        vertices: how many there are; they are part of the state, in double precision and relative to the center of the
-            mesh, so that a small mesh far from its origin loses nothing.
-        faces: how many triangles there are; they are part of the state.
-        closed: whether neighbors share their edges, so that the divergence theorem gives the volume, which is else
-            measured on a grid.
-        pose: from the coordinates of the file to the box.
-        placement: from coordinates relative to the center of the mesh to the box.
-        origin: where the mesh comes from (part of the provenance).
+        vertices: Number of vertices, which are part of the state.
+        faces: Number of triangles, which are part of the state.
+        closed: Whether neighboring triangles share edges, so that the divergence theorem gives the volume. Otherwise
+            the volume is measured on a grid.
+        pose: Map from the coordinates of the file to the box.
+        placement: Map from coordinates relative to the center of the mesh to the box.
+        origin: Origin of the mesh, for the provenance.
+
+    References:
+        Jacobson, Kavan, and Sorkine-Hornung, Robust Inside-Outside Segmentation Using Generalized Winding Numbers,
+        SIGGRAPH 2013. https://doi.org/10.1145/2461912.2461916
+        Barill et al., Fast Winding Numbers for Soups and Clouds, SIGGRAPH 2018.
+        https://doi.org/10.1145/3197517.3201337
     """
 
     vertices: Tensor
@@ -69,46 +74,46 @@ class MeshShape(FieldShape):
         self.register_buffer("faces", torch.zeros(faces, 3, dtype=torch.int64))
         self._triangles: Triangles | None = None
 
-    def own_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Signed distance, differentiable once."""
+    def local_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
+        """Evaluate the signed distance; the result can be differentiated once."""
         return _Distance.apply(p, partial(self._signed, with_gradient=p.requires_grad))
 
-    def own_jet(self, p: Float[Tensor, "n d"]) -> Jet:
-        """Signed distance and its gradient (p − c)/d with c the closest point, on a triangle its normal."""
+    def local_jet(self, p: Float[Tensor, "n d"]) -> Jet:
+        """Evaluate the signed distance d and its gradient (p − c)/d for the closest point c, or a normal if d ≈ 0."""
         distance, gradient = self._signed(p.detach(), with_gradient=True)
         return Jet(distance, gradient)
 
-    def own_surface(self) -> SimplexMesh:
-        """The mesh itself."""
+    def local_surface(self) -> SimplexMesh:
+        """Return the mesh itself."""
         return SimplexMesh(self.vertices, self.faces)
 
     def surface(self) -> SimplexMesh:
-        """The mesh in the box, in the default precision."""
+        """Return the mesh in the coordinates of the box, in the default precision."""
         vertices = self.placement.apply(self.vertices.double()).to(torch.get_default_dtype())
         return SimplexMesh(vertices, self.faces)
 
-    def own_box(self) -> Float[Tensor, "2 d"]:
-        """The bounding box with a margin."""
+    def local_box(self) -> Float[Tensor, "2 d"]:
+        """Return the bounding box with a margin."""
         low, high = self.vertices.amin(0), self.vertices.amax(0)
         margin = _MARGIN * (high - low).max()
         return torch.stack([low - margin, high + margin])
 
     def volume(self) -> float:
-        """Volume of the inside: by the divergence theorem if the mesh is closed, else from a grid."""
+        """Compute the volume of the inside by the divergence theorem if the mesh is closed, and otherwise on a grid."""
         if self.closed:
-            own = signed_volume(self.vertices.cpu().numpy(), self.faces.cpu().numpy())
+            local = signed_volume(self.vertices.cpu().numpy(), self.faces.cpu().numpy())
         else:
-            own = volume(self._own_field, self.own_box(), VOLUME_RESOLUTION[3])
-        return self.placement.scale**3 * own
+            local = volume(self._local_field, self.local_box(), DEFAULT_RESOLUTION[3])
+        return self.placement.scale**3 * local
 
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
-        """Points drawn by area on the triangles, and the normals of the triangles."""
+        """Sample points by area on the triangles, with the normals of the triangles."""
         mesh = self.surface()
         points, chosen = sample_mesh_surface(mesh, count, generator)
-        return SurfaceSamples(points, simplex_normals(mesh.vertices[mesh.simplices[chosen]]))
+        return SurfaceSamples(points, unit_normals(mesh.vertices[mesh.simplices[chosen]]))
 
     def config(self) -> dict[str, Any]:
-        """Sizes, placement and origin; the triangles are the state."""
+        """Return sizes, placement, and origin; the triangles are the state."""
         return {
             "_target_": "nsm.shapes.MeshShape",
             "vertices": len(self.vertices),
@@ -120,29 +125,29 @@ class MeshShape(FieldShape):
         }
 
     def content_key(self) -> str:
-        """SHA-256 of the triangles and their place in the box, from whatever file."""
+        """Hash the triangles and their placement with SHA-256, independently of the file."""
         digest = hashlib.sha256(json.dumps([self.closed, self.placement.to_config()]).encode())
         for value in self.state_dict().values():
             digest.update(value.cpu().numpy().tobytes())
         return digest.hexdigest()
 
     def provenance(self) -> dict[str, Any]:
-        """File, hash and the similarity from its coordinates to the box."""
+        """Return file, checksum, and the similarity from the coordinates of the file to the box."""
         return {**self.origin, "similarity": self.similarity.to_config()}
 
     def _signed(self, p: Float[Tensor, "n d"], with_gradient: bool) -> tuple[Tensor, Tensor]:
-        """Signed distances (n,), and gradients (n, d) if they are wanted, else none (0, d)."""
+        """Evaluate signed distances, shape (n,), and gradients, shape (n, d), or (0, d) without ``with_gradient``."""
         x = p.double()
         closest = self._search().closest(x)
         outside = self._search().winding_number(x) <= 0.5
         distance = torch.where(outside, closest.distances, -closest.distances)
         if not with_gradient:
             return distance.to(p), p.new_zeros(0, 3)
-        normals = simplex_normals(self.vertices.to(x)[self.faces[closest.simplices]])
+        normals = unit_normals(self.vertices.to(x)[self.faces[closest.simplices]])
         size = float((self.vertices.amax(0) - self.vertices.amin(0)).max())
-        away = nn.functional.normalize(x - closest.points, dim=1) * distance.sign()[:, None]
+        directions = nn.functional.normalize(x - closest.points, dim=1) * distance.sign()[:, None]
         on = closest.distances < _ON_TRIANGLE * size
-        return distance.to(p), torch.where(on[:, None], normals, away).to(p)
+        return distance.to(p), torch.where(on[:, None], normals, directions).to(p)
 
     def _search(self) -> Triangles:
         if self._triangles is None:
@@ -157,34 +162,43 @@ class MeshShape(FieldShape):
 class MeshFile(MeshShape):
     """A triangle mesh from a file.
 
-    Vertices that the file splits at texture seams are welded, and a mesh inside out is turned. Its surface is that of
-    the solid (`nsm.shapes.solid`): holes are closed, and what lies inside other parts of the mesh is left out.
+    Vertices split at texture seams are merged, and a mesh that is inside out is flipped. The surface is that of the
+    solid (`nsm.shapes.solid`): holes are closed, and parts inside other parts of the mesh are removed.
 
     Args:
-        path: an obj, ply, stl, off or glb file, or a public name such as ``meshes/spot.obj``.
-        fit: half of the longest side after fitting; None keeps the coordinates of the file.
-        pose: rotation, translation and scale given to the mesh after that.
-        up: the direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
+        path: An obj, ply, stl, off, or glb file, or a public name such as ``meshes/spot.obj``.
+        fit: Half the longest side of the bounding box after fitting; None keeps the coordinates of the file.
+        pose: Rotation, translation, and scale applied after fitting.
+        up: Direction in the coordinates of the file that becomes +y, before all else; None for +y.
 
     Raises:
-        InputError: if the file holds no mesh with an inside.
+        InputError: If the file contains no mesh with an inside.
+
+    Example:
+        >>> import tempfile, trimesh
+        >>> from nsm.shapes import MeshFile
+        >>> with tempfile.NamedTemporaryFile(suffix=".obj") as file:
+        ...     _ = trimesh.creation.box((1, 1, 2)).export(file.name)
+        ...     shape = MeshFile(file.name, fit=0.8)
+        >>> round(shape.volume(), 3)
+        1.024
     """
 
     def __init__(
         self, path: str, fit: float | None = 0.8, pose: Pose = None, up: Sequence[float] | None = None
     ) -> None:
-        place, file = FilePlacement(fit, pose, up), resolve(path)
-        raw, faces = welded(read_mesh(file), str(path))
+        file_placement, file = FilePlacement(fit, pose, up), resolve(path)
+        raw, faces = merge_vertices(read_mesh(file), str(path))
         vertices, center = centered(torch.from_numpy(raw))
-        faces = turned_outwards(vertices.numpy(), faces, str(path))
+        faces = orient_outward(vertices.numpy(), faces, str(path))
         state = openness(vertices.numpy(), faces)
         if state.edges:
             log.warning(
-                "%s is open: %d boundary edges in %d loops, and its oriented area does not close by %.2g %%; "
-                "its inside is where the winding number is above 1/2, and its holes are closed there",
+                "%s is open: it has %d boundary edges in %d loops, and its oriented area does not close by %.2g %%; "
+                "holes are closed where the winding number is 1/2",
                 *(path, state.edges, state.loops, 100 * state.gap),
             )
-        placement = place.of_centered(vertices, center)
+        placement = file_placement.of_centered(vertices, center)
         points, solid = solid_boundary(vertices.numpy(), faces, is_open=bool(state.edges))
         origin = {"kind": "mesh", "path": str(path), "sha256": file_sha256(file)}
         pose = placement.after(Similarity.shift(-center))
@@ -195,7 +209,7 @@ class MeshFile(MeshShape):
 
 
 class _Distance(torch.autograd.Function):
-    """Signed distances whose gradient was found along with them."""
+    """Signed distances whose gradient is computed in the forward pass."""
 
     @staticmethod
     def forward(ctx: Any, p: Tensor, signed: Any) -> Tensor:
@@ -204,6 +218,6 @@ class _Distance(torch.autograd.Function):
         return distance
 
     @staticmethod
-    def backward(ctx: Any, above: Tensor) -> tuple[Tensor, None]:
+    def backward(ctx: Any, distance_bar: Tensor) -> tuple[Tensor, None]:
         (gradient,) = ctx.saved_tensors
-        return above[:, None] * gradient, None
+        return distance_bar[:, None] * gradient, None

@@ -1,4 +1,4 @@
-"""Triangle meshes read from files, welded and turned outwards."""
+"""Reading of triangle meshes from files, with merged vertices and outward orientation."""
 
 from __future__ import annotations
 
@@ -14,130 +14,155 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from nsm.cli.errors import InputError
-from nsm.shapes.sampling import sample_mesh_surface, simplex_normals
+from nsm.shapes.sampling import sample_mesh_surface, unit_normals
 from nsm.types import SimplexMesh
 
 log = logging.getLogger(__name__)
 
-#: Endings of files that can be read.
+#: Extensions of supported files.
 FORMATS = (".obj", ".ply", ".stl", ".off", ".glb")
-#: Vertices closer than this part of the diagonal are one: those that a format splits at UV seams or normals.
-WELD = 1e-7
-#: Parts of the vertices of an obj file that belong to no face from which it passes for cut short: if its last line
-#: has no end, and in any case. (Scans may hold loose vertices: stanford-bunny.obj has 3 %.)
-UNUSED_VERTICES = (0.0, 0.2)
-#: An inside must fill at least this part of the bounding box.
-LEAST_FILL = 1e-6
-#: Mean winding number just beneath the surface: 1 for a closed mesh, 1/2 for a flat sheet, between them for a bowl.
-LEAST_WINDING = 0.6
+#: Distance below which vertices are merged, relative to the diagonal: formats split vertices at texture seams.
+_MERGE_DISTANCE = 1e-7
+#: Fractions of unused vertices above which an obj file counts as truncated: if its last line is incomplete, and in any
+#: case. Scans may contain unused vertices (3 % in stanford-bunny.obj).
+_MAX_UNUSED_VERTICES = (0.0, 0.2)
+#: Minimum volume, relative to the cube of the longest side of the bounding box.
+_MIN_FILL = 1e-6
+#: Minimum of the mean winding number just below the surface: it is 1 for a closed mesh, 1/2 for a flat sheet, and
+#: between them for a bowl.
+MIN_WINDING = 0.6
 
 
 class Openness(NamedTuple):
-    """How far a mesh is from closed."""
+    """The deviation of a mesh from a closed surface.
 
-    #: Edges with one triangle, and the loops that they form.
+    Attributes:
+        edges: Number of boundary edges, which have only one triangle.
+        loops: Number of loops that they form.
+        gap: ‖Σ area·normal‖ / Σ area, which is 0 for a closed surface and 1 for a flat sheet.
+    """
+
     edges: int
     loops: int
-    #: |Σ area·normal| / Σ area, which is 0 for a closed surface and 1 for a flat sheet.
     gap: float
 
 
 def read_mesh(file: Path) -> trimesh.Trimesh:
-    """All triangles of a file as one mesh.
+    """Read all triangles of a file as one mesh.
 
     Raises:
-        InputError: if the ending is unknown, or the content is no mesh.
+        InputError: If the extension is not supported, or the content is not a mesh.
     """
     if file.suffix.lower() not in FORMATS:
-        raise InputError(f"{file} ends in '{file.suffix}': give a mesh file that ends in {', '.join(FORMATS)}.")
+        raise InputError(f"`path` must end in {', '.join(FORMATS)}, got {file}. Try to convert the mesh to `.obj`.")
     if file.stat().st_size == 0:
-        raise InputError(f"{file} is empty: give a mesh file with triangles in it.")
+        raise InputError(f"{file} must contain a mesh, got an empty file. Try to export the mesh again.")
     try:
         mesh = trimesh.load(file, force="mesh", process=False)
-    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
+    except Exception as error:  # readers raise various exceptions for damaged files
         raise InputError(
-            f"{file} cannot be read as a mesh ({type(error).__name__}: {str(error)[:80]}): it may be cut short or of "
-            "another format, so export it again."
+            f"{file} must contain a mesh in the format of its extension, got {type(error).__name__}: "
+            f"{str(error)[:80]}. Try to export the mesh again; the file may be truncated."
         ) from error
     if file.suffix.lower() == ".obj":
         _require_all_faces(file)
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or len(mesh.vertices) == 0:
         raise InputError(
-            f"{file} holds no triangles: give a mesh with faces (for points with normals use shape=points)."
+            f"{file} must contain triangles, got none. Try a mesh with faces, or "
+            "`shape@source=points` for a point cloud."
         )
     return mesh
 
 
 def _require_all_faces(file: Path) -> None:
-    """Raise an `InputError` for an obj file that was cut: most vertices come before the faces that name them."""
-    vertices, named, line = 0, set[int](), b"\n"
+    """Reject a truncated obj file, in which the faces that use the vertices are missing."""
+    vertices, used, line = 0, set[int](), b"\n"
     with file.open("rb") as lines:
         for line in lines:
             if line.startswith(b"v "):
                 vertices += 1
             elif line.startswith(b"f "):
                 indices = [int(corner.split(b"/")[0] or 0) for corner in line.split()[1:]]
-                named.update(i if i > 0 else vertices + 1 + i for i in indices)
+                used.update(i if i > 0 else vertices + 1 + i for i in indices)
     ended = line.endswith(b"\n")
-    if vertices - len(named) > UNUSED_VERTICES[ended] * vertices:
+    if vertices - len(used) > _MAX_UNUSED_VERTICES[ended] * vertices:
         raise InputError(
-            f"The faces of {file} use {len(named)} of its {vertices} vertices, so it was cut short: export it again."
+            f"{file} must contain faces for its {vertices} vertices, got faces that use {len(used)} of them. Try to "
+            "export the mesh again; the file may be truncated."
         )
 
 
-def welded(mesh: trimesh.Trimesh, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) and triangles (m, 3), with coinciding vertices merged and triangles that collapse dropped.
+def merge_vertices(mesh: trimesh.Trimesh, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Merge coincident vertices and remove degenerate triangles.
+
+    Args:
+        mesh: The mesh as read from a file.
+        name: Name of the file, for messages.
+
+    Returns:
+        Vertices, shape (v, 3), and triangles, shape (m, 3).
 
     Raises:
-        InputError: for coordinates that are not finite, indices without a vertex, or a mesh of one point.
+        InputError: If a coordinate is not finite, an index has no vertex, or all triangles are degenerate.
     """
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"{name} names vertices that it does not hold: it is cut short, so export it again.")
+        raise InputError(
+            f"{name} must contain all vertices that its faces use, got {len(vertices)} vertices. Try to export the "
+            "mesh again; the file may be truncated."
+        )
     vertices, faces = _compact(vertices, faces)
     if bad := int((~np.isfinite(vertices)).any(1).sum()):
-        raise InputError(f"{name} has {bad} vertices that are not finite numbers: repair or export the mesh again.")
+        raise InputError(
+            f"{name} must have finite vertices, got {bad} that are not finite. Try to export the mesh again."
+        )
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     if diagonal == 0:
-        raise InputError(f"All vertices of {name} are one point, so it has no volume: give a mesh with an inside.")
-    cells = np.round((vertices - vertices.min(0)) / (WELD * diagonal)).astype(np.int64)
+        raise InputError(f"{name} must enclose a volume, got vertices that all coincide. Try a closed mesh.")
+    cells = np.round((vertices - vertices.min(0)) / (_MERGE_DISTANCE * diagonal)).astype(np.int64)
     _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     faces = inverse.reshape(-1)[faces]
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     if not proper.any():
-        raise InputError(f"All triangles of {name} have collapsed, so it has no volume: give a mesh with an inside.")
+        raise InputError(f"{name} must enclose a volume, got only degenerate triangles. Try a closed mesh.")
     return _compact(vertices[first], faces[proper])
 
 
-def turned_outwards(vertices: np.ndarray, faces: np.ndarray, name: str) -> np.ndarray:
-    """The same triangles with their normals outwards, by the winding number just beneath them.
+def orient_outward(vertices: np.ndarray, faces: np.ndarray, name: str) -> np.ndarray:
+    """Orient triangles outward by the winding number just below them.
 
     Args:
-        vertices: relative to the center of the mesh: winding numbers are found in single precision.
-        faces: the triangles.
-        name: of the mesh, for messages.
+        vertices: Vertices relative to the center of the mesh, shape (v, 3), because winding numbers are computed in
+            single precision.
+        faces: Triangles, shape (m, 3).
+        name: Name of the mesh, for messages.
+
+    Returns:
+        Triangles with outward normals, shape (m, 3).
 
     Raises:
-        InputError: if no side is the inside, or the inside has no volume.
+        InputError: If neither side is the inside, or the inside has no volume.
     """
     state = openness(vertices, faces)
-    beneath = _winding_beneath(vertices, faces)
-    if state.edges and max(beneath, 1 - beneath) < LEAST_WINDING:
+    below = _winding_below(vertices, faces)
+    if state.edges and max(below, 1 - below) < MIN_WINDING:
         raise InputError(
-            f"{name} is so open that it has no inside ({state.edges} boundary edges; the winding number is "
-            f"{beneath:.2f} on one side and that less 1 on the other): give a closed mesh, or close its holes."
+            f"{name} must be nearly closed, got {state.edges} boundary edges and a winding number of {below:.2f} below "
+            "the surface, where 1 is closed. Try to close the holes of the mesh."
         )
-    if beneath < 0.5:
-        log.warning("%s is inside out: its triangles are turned", name)
+    if below < 0.5:
+        log.warning("%s is inside out; its triangles are flipped", name)
         faces = faces[:, ::-1].copy()
     amount = signed_volume(vertices, faces)
-    if not state.edges and amount <= LEAST_FILL * float(np.ptp(vertices, axis=0).max()) ** 3:
-        raise InputError(f"{name} has volume {amount:.3g}: give a mesh with an inside, whose normals point one way.")
+    if not state.edges and amount <= _MIN_FILL * float(np.ptp(vertices, axis=0).max()) ** 3:
+        raise InputError(
+            f"{name} must enclose a positive volume, got {amount:.3g}. Try a mesh with consistently oriented triangles."
+        )
     return faces
 
 
 def openness(vertices: np.ndarray, faces: np.ndarray) -> Openness:
-    """Count the boundary and measure how far the oriented area is from closing."""
+    """Count boundary edges and loops, and measure how far the oriented area is from zero."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     rim = unique[count == 1]
@@ -151,7 +176,7 @@ def openness(vertices: np.ndarray, faces: np.ndarray) -> Openness:
 
 
 def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Volume by the divergence theorem, Σ ⟨a, b × c⟩ / 6 about the mean vertex, positive if normals point out."""
+    """Compute the volume by the divergence theorem, Σ ⟨a, b × c⟩ / 6, positive if normals point outward."""
     a, b, c = (vertices - vertices.mean(0))[faces].transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
@@ -161,16 +186,16 @@ def _area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a) / 2
 
 
-def _winding_beneath(vertices: np.ndarray, faces: np.ndarray, count: int = 2000) -> float:
-    """Mean winding number a hair beneath points drawn on the triangles by area."""
+def _winding_below(vertices: np.ndarray, faces: np.ndarray, count: int = 2000) -> float:
+    """Compute the mean winding number just below points sampled by area on the triangles."""
     mesh = SimplexMesh(torch.from_numpy(vertices), torch.from_numpy(faces))
     points, chosen = sample_mesh_surface(mesh, count, torch.Generator().manual_seed(0))
-    normals = simplex_normals(mesh.vertices[mesh.simplices[chosen]])
-    hair = 1e-6 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    return float(igl.fast_winding_number(vertices, faces, (points - hair * normals).numpy()).mean())
+    normals = unit_normals(mesh.vertices[mesh.simplices[chosen]])
+    offset = 1e-6 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    return float(igl.fast_winding_number(vertices, faces, (points - offset * normals).numpy()).mean())
 
 
 def _compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same triangles without the vertices that none of them uses."""
+    """Remove vertices that no triangle uses."""
     used, faces = np.unique(faces, return_inverse=True)
     return np.ascontiguousarray(vertices[used]), np.ascontiguousarray(faces.reshape(-1, 3).astype(np.int64))

@@ -22,43 +22,46 @@ from nsm.cli.errors import InputError
 from nsm.geometry.volume import volume
 from nsm.shapes.base import Shape, working_box
 from nsm.shapes.download import file_sha256, resolve
-from nsm.shapes.mesh_reading import LEAST_WINDING
+from nsm.shapes.mesh_reading import MIN_WINDING
 from nsm.shapes.placing import FilePlacement, centered
-from nsm.shapes.primitive import Pose
 from nsm.shapes.sampling import ambient_points
-from nsm.shapes.similarity import Similarity
+from nsm.shapes.similarity import Pose, Similarity
 from nsm.types import DistanceSamples, SurfaceSamples
 
 log = logging.getLogger(__name__)
 
-#: Endings of files that can be read: ply with nx, ny, nz; text with six columns.
+#: Extensions of supported files: ply with nx, ny, nz, and text with six columns.
 FORMATS = (".ply", ".xyz")
-#: Neighbours that the area of a point is estimated from.
-NEIGHBOURS = 12
-#: Within so many radii of its disc the nearest point tells the side; beyond, the winding number does.
-NEAR_RADII = 4.0
-#: Cells along the longest side for the volume.
-VOLUME_CELLS = 96
-#: Least fall of the winding number across the points: about 1 where neighbours agree, and near 0 where they do not.
-LEAST_JUMP = 0.3
+#: Number of neighbors from which the area of a point is estimated.
+_NEIGHBORS = 12
+#: Distance, in radii of its disk, within which the nearest point determines the sign; beyond, the winding number does.
+_NEAR_RADII = 4.0
+#: Number of cells along the longest side on which the volume is measured.
+_VOLUME_CELLS = 96
+#: Minimum jump of the winding number across the points: about 1 for consistent normals, and near 0 otherwise.
+_MIN_JUMP = 0.3
 
 
 class PointCloud(Shape):
-    """Points with outward normals: every point stands for a disc of the surface.
+    """Points with outward normals, each of which represents a disk of the surface.
 
-    The area of a disc is that which its nearest neighbours leave it. A distance is that to the disc of the
-    nearest point p with normal n and radius ρ: with h = ⟨x − p, n⟩ and ℓ² = |x − p|² − h², it is
-    √(h² + max(ℓ − ρ, 0)²), so close to the surface it is the distance to the tangent plane. The side is that of h
-    there and that of the winding number of the discs (Barill et al., SIGGRAPH 2018) farther out.
+    The area of a disk follows from the distances to its nearest neighbors. The distance at x is that to the disk of the
+    nearest point p with normal n and radius ρ: with h = ⟨x − p, n⟩ and ℓ² = ‖x − p‖² − h², it is
+    √(h² + max(ℓ − ρ, 0)²), which near the surface is the distance to the tangent plane. The sign is that of h near the
+    surface, and follows from the winding number of the disks farther away.
 
     Args:
-        path: a ply file with normals, an xyz file of six columns, or a public name.
-        fit: half of the longest side after fitting; None keeps the coordinates of the file.
-        pose: rotation, translation and scale given to the points after that.
-        up: the direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
+        path: A ply file with normals, an xyz file of six columns, or a public name.
+        fit: Half the longest side of the bounding box after fitting; None keeps the coordinates of the file.
+        pose: Rotation, translation, and scale applied after fitting.
+        up: Direction in the coordinates of the file that becomes +y, before all else; None for +y.
 
     Raises:
-        InputError: if there are no normals, or they enclose nothing.
+        InputError: If there are no normals, or they do not enclose a volume.
+
+    References:
+        Barill et al., Fast Winding Numbers for Soups and Clouds, SIGGRAPH 2018.
+        https://doi.org/10.1145/3197517.3201337
     """
 
     dim = 3
@@ -66,14 +69,14 @@ class PointCloud(Shape):
     def __init__(
         self, path: str, fit: float | None = 0.8, pose: Pose = None, up: Sequence[float] | None = None
     ) -> None:
-        place, self.path, file = FilePlacement(fit, pose, up), str(path), resolve(path)
+        file_placement, self.path, file = FilePlacement(fit, pose, up), str(path), resolve(path)
         raw, normals = clean_points(*read_points(file), self.path)
         points, center = centered(torch.from_numpy(raw))
-        placement = place.of_centered(points, center)
+        placement = file_placement.of_centered(points, center)
         self._sha256 = file_sha256(file)
         self._similarity = placement.after(Similarity.shift(-center))
         self._points = placement.apply(points).numpy()
-        self._normals = placement.turn(torch.from_numpy(normals)).numpy()
+        self._normals = placement.rotate(torch.from_numpy(normals)).numpy()
         self._tree = cKDTree(self._points)
         self._areas = point_areas(self._tree)
         self._radii = np.sqrt(self._areas / np.pi)
@@ -81,17 +84,17 @@ class PointCloud(Shape):
         self._orient()
 
     def transformed(self, similarity: Similarity) -> PointCloud:
-        """The cloud moved by a similarity, on top of what it has."""
+        """Apply a similarity after the present pose of the cloud, and return the result as a new shape."""
         moved = copy(self)
         moved._similarity = similarity.after(self._similarity)
         moved._points = similarity.apply(torch.from_numpy(self._points)).numpy()
-        moved._normals = similarity.turn(torch.from_numpy(self._normals)).numpy()
+        moved._normals = similarity.rotate(torch.from_numpy(self._normals)).numpy()
         moved._tree, moved._expansion = cKDTree(moved._points), None
         moved._areas, moved._radii = similarity.scale**2 * self._areas, similarity.scale * self._radii
         return moved
 
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
-        """A random subset of the points (repeated only if more are asked for than there are), with their normals."""
+        """Choose a random subset of the points with their normals; points repeat only if there are too few."""
         n = len(self._points)
         chosen = torch.cat([torch.randperm(n, generator=generator) for _ in range(-(-count // n))])[:count]
         dtype = torch.get_default_dtype()
@@ -101,13 +104,13 @@ class PointCloud(Shape):
     def distance_samples(
         self, count: int, generator: torch.Generator, bounds: Float[Tensor, "2 d"] | None = None
     ) -> DistanceSamples:
-        """Points with distances to the discs of the nearest points."""
+        """Sample points with distances to the disks of the nearest points."""
         surface = self.surface_samples(max(count // 2, 1), generator).points
         points = ambient_points(surface, count, generator, working_box(3) if bounds is None else bounds)
         return DistanceSamples(points, self.signed_distance(points))
 
     def signed_distance(self, x: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Signed distance (n,) at x (n, 3) in the box."""
+        """Evaluate the signed distance, shape (n,), at points in the box, shape (n, 3)."""
         queries = x.detach().cpu().double().numpy()
         reach, nearest = self._tree.query(queries)
         height = np.einsum("ij,ij->i", queries - self._points[nearest], self._normals[nearest])
@@ -115,30 +118,30 @@ class PointCloud(Shape):
         radius = self._radii[nearest]
         distance = np.hypot(height, np.maximum(lateral - radius, 0))
         inside = height < 0
-        far = reach > NEAR_RADII * radius
+        far = reach > _NEAR_RADII * radius
         inside[far] = self._winding(queries[far]) > 0.5
         return torch.from_numpy(np.where(inside, -distance, distance)).to(x)
 
     def exact_bounds(self) -> Float[Tensor, "2 d"]:
-        """Corners of the box around the points."""
+        """Compute the bounding box of the points."""
         points = torch.from_numpy(self._points)
         return torch.stack([points.amin(0), points.amax(0)])
 
     def volume(self) -> float:
-        """Volume of the inside, from a grid."""
+        """Compute the volume of the inside on a grid."""
         low, high = self.exact_bounds()
         margin = 0.05 * (high - low).max()
-        return volume(self.signed_distance, torch.stack([low - margin, high + margin]), VOLUME_CELLS)
+        return volume(self.signed_distance, torch.stack([low - margin, high + margin]), _VOLUME_CELLS)
 
     def provenance(self) -> dict[str, Any]:
-        """File, hash and the similarity from its coordinates to the box."""
+        """Return file, checksum, and the similarity from the coordinates of the file to the box."""
         similarity = self._similarity.to_config()
         return {"kind": "point cloud", "path": self.path, "sha256": self._sha256, "similarity": similarity}
 
     def content_key(self) -> str:
-        """SHA-256 of the content of the file and its way to the box, whatever the name of the file."""
-        place = json.dumps(self._similarity.to_config(), sort_keys=True)
-        return hashlib.sha256(f"{type(self).__name__} {self._sha256} {place}".encode()).hexdigest()
+        """Hash the content of the file and its similarity with SHA-256, independently of the name of the file."""
+        similarity = json.dumps(self._similarity.to_config(), sort_keys=True)
+        return hashlib.sha256(f"{type(self).__name__} {self._sha256} {similarity}".encode()).hexdigest()
 
     def _winding(self, queries: np.ndarray) -> np.ndarray:
         if not len(queries):
@@ -150,63 +153,62 @@ class PointCloud(Shape):
         return igl.fast_winding_number(*self._expansion, queries)
 
     def _orient(self, count: int = 4000) -> None:
-        """Bring the areas to scale and the normals outwards, by the winding number on both sides of the points.
+        """Scale the areas and orient the normals by the winding number on both sides of the points.
 
-        It falls by 1 across the discs whatever way they are turned; its mean below them is 1 if they point outwards, 0
-        if inwards, and about 1/2 if they contradict each other or enclose nothing.
+        The winding number decreases by 1 across correctly scaled disks. Below the disks it is 1 if normals point
+        outward, 0 if they point inward, and about 1/2 if they are inconsistent or enclose no volume.
         """
         draw = torch.randperm(len(self._points), generator=torch.Generator().manual_seed(0))[:count].numpy()
-        offset = NEAR_RADII * self._radii[draw, None] * self._normals[draw]
+        offset = _NEAR_RADII * self._radii[draw, None] * self._normals[draw]
         below = self._winding(self._points[draw] - offset)
         above = self._winding(self._points[draw] + offset)
         jump = float(np.median(below - above))
-        beneath = float(np.median(below)) / jump if jump > 0 else 0.5
-        if jump < LEAST_JUMP or max(beneath, 1 - beneath) < LEAST_WINDING:
+        inside = float(np.median(below)) / jump if jump > 0 else 0.5
+        if jump < _MIN_JUMP or max(inside, 1 - inside) < MIN_WINDING:
             raise InputError(
-                f"The normals of {self.path} enclose nothing (their winding number falls by {jump:.2f} across the "
-                "points, where 1 is right): give a closed cloud whose normals all point outwards."
+                f"{self.path} must have normals that enclose a volume, got normals whose winding number decreases by "
+                f"{jump:.2f} across the points, where 1 is correct. Try a closed cloud whose normals all point outward."
             )
         self._areas = self._areas / jump
-        if beneath < 0.5:
-            log.warning("the normals of %s point inwards: they are turned", self.path)
+        if inside < 0.5:
+            log.warning("the normals of %s point inward; they are flipped", self.path)
             self._normals = -self._normals
         self._expansion = None
-        steady = float(((below / jump > 0.5) == (beneath > 0.5)).mean())
-        if steady < 0.9:
+        consistent = float(((below / jump > 0.5) == (inside > 0.5)).mean())
+        if consistent < 0.9:
             log.warning(
-                "%.0f %% of the normals of %s contradict the others: distances there may have the wrong sign",
-                *(100 * (1 - steady), self.path),
+                "%.0f %% of the normals of %s contradict the others, so distances there may have the wrong sign",
+                *(100 * (1 - consistent), self.path),
             )
 
 
 def read_points(file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Points and normals (n, 3) of a file, as they stand there.
+    """Read points and normals, each of shape (n, 3), from a file without changes.
 
     Raises:
-        InputError: if the ending is unknown, the content is damaged, or there are no normals.
+        InputError: If the extension is not supported, the content is damaged, or there are no normals.
     """
     if file.suffix.lower() not in FORMATS:
-        raise InputError(
-            f"{file} ends in '{file.suffix}': give points with normals in a file that ends in .ply or .xyz."
-        )
+        raise InputError(f"`path` must end in .ply or .xyz, got {file}. Try to convert the points to `.ply`.")
     if file.stat().st_size == 0:
-        raise InputError(f"{file} is empty: give a file with points and normals in it.")
+        raise InputError(f"{file} must contain points with normals, got an empty file. Try to export it again.")
     try:
         rows = _ply_rows(file) if file.suffix.lower() == ".ply" else np.loadtxt(file, ndmin=2, dtype=np.float64)
-    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
+    except Exception as error:  # readers raise various exceptions for damaged files
         raise InputError(
-            f"{file} cannot be read as a point cloud ({type(error).__name__}: {str(error)[:80]}): it may be cut short "
-            "or of another format, so export it again."
+            f"{file} must contain points in the format of its extension, got {type(error).__name__}: "
+            f"{str(error)[:80]}. Try to export it again; the file may be truncated."
         ) from error
     if rows.shape[1] < 6:
         raise InputError(
-            f"{file} has no normals: give a cloud with nx, ny and nz for every point (a mesh goes by shape=mesh)."
+            f"{file} must have the normals nx, ny, nz of every point, got none. Try a cloud with normals, or "
+            "`shape@source=mesh` for a mesh."
         )
     return rows[:, :3], rows[:, 3:6]
 
 
 def _ply_rows(file: Path) -> np.ndarray:
-    """Columns x, y, z, nx, ny, nz of the vertices, or x, y, z alone."""
+    """Read the columns x, y, z, nx, ny, nz of the vertices, or only x, y, z."""
     cloud = trimesh.load(file, process=False)
     data = cloud.metadata["_ply_raw"]["vertex"]["data"]
     names = data.dtype.names if isinstance(data, np.ndarray) else list(data)
@@ -215,26 +217,32 @@ def _ply_rows(file: Path) -> np.ndarray:
 
 
 def clean_points(points: np.ndarray, normals: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct points with unit normals; those without a normal are dropped.
+    """Remove duplicate points and points without a normal, and normalize the normals.
+
+    Args:
+        points: Points, shape (n, 3).
+        normals: Normals of any length, shape (n, 3).
+        name: Name of the file, for messages.
 
     Raises:
-        InputError: for too few points, numbers that are not finite, or a flat cloud.
+        InputError: If a number is not finite, or too few points remain.
     """
     if bad := int((~np.isfinite(np.concatenate([points, normals], 1))).any(1).sum()):
-        raise InputError(f"{name} has {bad} points or normals that are not finite numbers: repair or export it again.")
+        raise InputError(f"{name} must have finite points and normals, got {bad} that are not. Try to export it again.")
     length = np.linalg.norm(normals, axis=1)
     if lost := int((length < 1e-6).sum()):
-        log.warning("%d of %d points of %s have no normal and are left out", lost, len(points), name)
+        log.warning("%d of %d points of %s have no normal and are ignored", lost, len(points), name)
     points, normals = points[length >= 1e-6], normals[length >= 1e-6] / length[length >= 1e-6, None]
     points, first = np.unique(points, axis=0, return_index=True)
-    if len(points) < 4 * NEIGHBOURS:
+    if len(points) < 4 * _NEIGHBORS:
         raise InputError(
-            f"{name} has {len(points)} distinct points with normals: a shape needs {4 * NEIGHBOURS} or more."
+            f"{name} must have at least {4 * _NEIGHBORS} distinct points with normals, got {len(points)}. Try a denser "
+            "cloud."
         )
     return points, normals[first]
 
 
 def point_areas(tree: cKDTree) -> np.ndarray:
-    """Area (n,) of each point, up to a common factor: π r² / k with r the distance of its k-th neighbour."""
-    distance, _ = tree.query(tree.data, k=NEIGHBOURS + 1)
-    return np.pi * distance[:, -1] ** 2 / NEIGHBOURS
+    """Estimate the area of each point up to a common factor, π r² / k for the distance r of its k-th neighbor."""
+    distance, _ = tree.query(tree.data, k=_NEIGHBORS + 1)
+    return np.pi * distance[:, -1] ** 2 / _NEIGHBORS

@@ -1,4 +1,4 @@
-"""Similarities x ↦ s R x + t: the poses of shapes, and the road from file coordinates to the box."""
+"""Similarities x ↦ s R x + t: poses of shapes, and maps from the coordinates of a file to the box."""
 
 from __future__ import annotations
 
@@ -14,18 +14,25 @@ from torch import Tensor
 
 from nsm.cli.errors import InputError
 
-#: How far R Rᵀ may be from the identity before a matrix typed by a person is refused.
+#: Maximum deviation of R Rᵀ from the identity for a rotation matrix in a configuration.
 _ORTHOGONAL = 1e-4
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """A rotation, then a uniform scale, then a translation: x ↦ s R x + t, kept in float64.
+    """A rotation, a uniform scale, and a translation, x ↦ s R x + t, in double precision.
 
     Args:
-        rotation: R, orthogonal (d, d).
-        translation: t (d,).
-        scale: s > 0.
+        rotation: Orthogonal matrix R, shape (d, d).
+        translation: Vector t, shape (d,).
+        scale: Factor s > 0.
+
+    Example:
+        >>> import torch
+        >>> from nsm.shapes import Similarity
+        >>> pose = Similarity.read({"rotation": [0, 0, 90], "scale": 2}, dim=3)
+        >>> pose.apply(torch.tensor([[1.0, 0.0, 0.0]])).round(decimals=3).abs()
+        tensor([[0., 2., 0.]])
     """
 
     rotation: Float[Tensor, "d d"]
@@ -34,41 +41,41 @@ class Similarity:
 
     @staticmethod
     def identity(dim: int) -> Similarity:
-        """The similarity that moves nothing."""
+        """Create the identity."""
         return Similarity(torch.eye(dim, dtype=torch.float64), torch.zeros(dim, dtype=torch.float64))
 
     @staticmethod
     def scaling(scale: float, dim: int) -> Similarity:
-        """x ↦ s x."""
+        """Create the map x ↦ s x."""
         return Similarity(torch.eye(dim, dtype=torch.float64), torch.zeros(dim, dtype=torch.float64), scale)
 
     @staticmethod
     def shift(translation: Float[Tensor, " d"]) -> Similarity:
-        """x ↦ x + t."""
+        """Create the map x ↦ x + t."""
         return Similarity(torch.eye(len(translation), dtype=torch.float64), translation.double())
 
     @staticmethod
     def centering(bounds: Float[Tensor, "2 d"], half_side: float) -> Similarity:
-        """Moves the center of a box (2, d) to the origin, and makes half of its longest side ``half_side``."""
+        """Create the map that centers a box, shape (2, d), and scales half its longest side to ``half_side``."""
         low, high = bounds.double()
         scale = 2 * half_side / float((high - low).max())
         return Similarity(torch.eye(len(low), dtype=torch.float64), -scale * (low + high) / 2, scale)
 
     @staticmethod
     def about(center: Float[Tensor, " d"], scale: float) -> Similarity:
-        """x ↦ c + s (x − c)."""
+        """Create the map x ↦ c + s (x − c)."""
         return Similarity(torch.eye(len(center), dtype=torch.float64), (1 - scale) * center.double(), scale)
 
     @staticmethod
     def upright(up: Sequence[float] | None, dim: int) -> Similarity:
-        """The shortest rotation that turns a direction into +y, as people type it; none if it is None.
+        """Create the smallest rotation that turns a direction to +y, or the identity if it is None.
 
         Args:
-            up: d numbers, in the coordinates of a file.
-            dim: the dimension d.
+            up: Direction in the coordinates of a file, d numbers.
+            dim: Dimension d.
 
         Raises:
-            InputError: if ``up`` is no direction.
+            InputError: If ``up`` is not a direction in d dimensions.
         """
         if up is None:
             return Similarity.identity(dim)
@@ -79,7 +86,7 @@ class Similarity:
             )
         direction = direction / direction.norm()
         y = torch.eye(dim, dtype=torch.float64)[1]
-        if direction @ y < -1 + 1e-12:  # upside down: half a turn in the plane of x and y
+        if direction @ y < -1 + 1e-12:  # upside down: a half turn in the xy-plane
             half_turn = torch.eye(dim, dtype=torch.float64)
             half_turn[0, 0] = half_turn[1, 1] = -1
             return Similarity(half_turn, torch.zeros(dim, dtype=torch.float64))
@@ -89,15 +96,15 @@ class Similarity:
 
     @staticmethod
     def read(pose: Similarity | Mapping[str, Any] | None, dim: int) -> Similarity:
-        """Read a pose as people type it.
+        """Create a similarity from a pose in a configuration.
 
         Args:
-            pose: None, or a mapping with any of ``rotation`` (one angle in 2D, an axis-angle vector in 3D, both in
-                degrees; or a full matrix), ``translation`` (d numbers) and ``scale`` (a positive number).
-            dim: the dimension d.
+            pose: None, or a mapping with any of ``rotation`` (an angle in 2D or an axis-angle vector in 3D, both in
+                degrees, or a matrix), ``translation`` (d numbers), and ``scale`` (a positive number).
+            dim: Dimension d.
 
         Raises:
-            InputError: for a key or a number of values that does not fit.
+            InputError: If a key is unknown, or a value has the wrong type or dimension.
         """
         if pose is None:
             return Similarity.identity(dim)
@@ -105,33 +112,34 @@ class Similarity:
             return pose
         if unknown := set(pose) - {"rotation", "translation", "scale"}:
             raise InputError(
-                f"A pose has no key {', '.join(sorted(map(repr, unknown)))}: it takes rotation (degrees), translation "
-                "and scale, e.g. pose.rotation=[0,0,90]."
+                "`pose` must consist of rotation (in degrees), translation, and scale, got "
+                f"{', '.join(sorted(map(repr, unknown)))}. Try `pose.rotation=[0,0,90]`."
             )
         translation = torch.tensor(_numbers(pose.get("translation") or [0.0] * dim), dtype=torch.float64)
         scale = float(pose.get("scale", 1.0))
         if translation.shape != (dim,) or not translation.isfinite().all():
             raise InputError(
-                f"pose.translation is {translation.tolist()}, but the shape is {dim}D: give {dim} finite numbers."
+                f"`pose.translation` must be {dim} finite numbers, got {translation.tolist()}. Try "
+                f"`pose.translation={[0] * dim}`."
             )
         if not 0 < scale < math.inf:
-            raise InputError(f"pose.scale is {scale:g}: give a positive number.")
+            raise InputError(f"`pose.scale` must be positive and finite, got {scale:g}. Try `pose.scale=1`.")
         return Similarity(_rotation(pose.get("rotation"), dim), translation, scale)
 
     def apply(self, x: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
-        """s R x + t at x (n, d), in the type of x."""
+        """Map points, shape (n, d), to s R x + t, in their dtype."""
         return self.scale * x @ self.rotation.to(x).T + self.translation.to(x)
 
     def pull_back(self, x: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
-        """The inverse, Rᵀ (x − t) / s, at x (n, d)."""
+        """Apply the inverse, Rᵀ (x − t) / s, to points, shape (n, d)."""
         return (x - self.translation.to(x)) @ self.rotation.to(x) / self.scale
 
-    def turn(self, normals: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
-        """R n: what happens to directions (n, d)."""
+    def rotate(self, normals: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
+        """Map directions, shape (n, d), to R n."""
         return normals @ self.rotation.to(normals).T
 
     def after(self, first: Similarity) -> Similarity:
-        """The similarity that does ``first`` and then this one."""
+        """Compose this similarity with one that is applied first."""
         return Similarity(
             self.rotation @ first.rotation,
             self.scale * self.rotation @ first.translation + self.translation,
@@ -139,39 +147,49 @@ class Similarity:
         )
 
     def inverse(self) -> Similarity:
-        """The similarity that undoes this one."""
+        """Invert this similarity."""
         back = self.rotation.T
         return Similarity(back, -back @ self.translation / self.scale, 1 / self.scale)
 
     def to_config(self) -> dict[str, Any]:
-        """Plain numbers that `read` turns into the same similarity, bit for bit."""
+        """Convert to plain numbers, from which `read` restores the same similarity bit for bit."""
         return {"rotation": self.rotation.tolist(), "translation": self.translation.tolist(), "scale": self.scale}
 
 
+#: A pose as configurations contain it: see `Similarity.read`.
+Pose = Similarity | Mapping[str, Any] | None
+
+
 def _numbers(values: Any) -> list[Any]:
-    """Nested lists of floats from what a config holds: a number, or a list of numbers or of lists."""
+    """Convert a number, or a nested list of numbers, to nested lists of floats."""
     if isinstance(values, (int, float)):
         return [float(values)]
     if isinstance(values, str) or not all(isinstance(v, (int, float, Sequence)) for v in values):
-        raise InputError(f"{values!r} was given where a pose takes numbers: e.g. pose.rotation=[0,0,90].")
+        raise InputError(f"`pose` must consist of numbers, got {values!r}. Try `pose.rotation=[0,0,90]`.")
     return [float(v) if isinstance(v, (int, float)) else _numbers(v) for v in values]
 
 
 def _rotation(rotation: Any, dim: int) -> Tensor:
-    """Rotation matrix (d, d) from an angle, an axis-angle vector (degrees) or a matrix."""
+    """Compute a rotation matrix, shape (d, d), from an angle or an axis-angle vector in degrees, or check a matrix."""
     if rotation is None:
         return torch.eye(dim, dtype=torch.float64)
     values = torch.tensor(_numbers(rotation), dtype=torch.float64)
     if values.shape == (dim, dim):
         deviation = float((values @ values.T - torch.eye(dim, dtype=torch.float64)).abs().max())
         if deviation > _ORTHOGONAL or values.det() < 0:
-            raise InputError(f"pose.rotation is a matrix that is no rotation: {values.tolist()}; give degrees instead.")
+            raise InputError(
+                f"`pose.rotation` must be a rotation matrix or angles in degrees, got {values.tolist()}, which is not "
+                "a rotation. Try `pose.rotation=[0,0,90]`."
+            )
         return values
     if dim == 2 and values.shape == (1,) and values.isfinite().all():
-        return angle_to_rotation_matrix(-values)[0]  # kornia turns clockwise
+        return angle_to_rotation_matrix(-values)[0]  # kornia rotates clockwise
     if dim == 3 and values.shape == (3,) and values.isfinite().all():
         if not values.any():
             return torch.eye(3, dtype=torch.float64)
         return axis_angle_to_rotation_matrix(torch.deg2rad(values)[None])[0]
-    wanted = "one angle in degrees" if dim == 2 else "three numbers, the axis times the angle in degrees"
-    raise InputError(f"pose.rotation is {values.tolist()}, but the shape is {dim}D: give {wanted}.")
+    wanted = "one angle in degrees" if dim == 2 else "three numbers, the axis times the angle in degrees,"
+    example = "90" if dim == 2 else "[0,0,90]"
+    raise InputError(
+        f"`pose.rotation` must be {wanted} in {dim}D, got {values.tolist()}. Try `pose.rotation={example}`."
+    )

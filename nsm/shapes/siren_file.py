@@ -1,4 +1,4 @@
-"""Files of signed distance networks, as the published ones are."""
+"""Signed distance networks from files in the format of the paper's authors."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from nsm.fields.siren import ScalarSiren, Siren
 from nsm.geometry.projection import newton_to_level
 from nsm.shapes.base import working_box
 from nsm.shapes.download import file_sha256, resolve
-from nsm.shapes.primitive import Pose
-from nsm.shapes.similarity import Similarity
+from nsm.shapes.similarity import Pose, Similarity
 from nsm.shapes.siren import SirenShape
 
-#: ω of every layer of the published signed distance networks (camillebnm/neural_shape_morphing).
+#: ω of all layers of the published networks, https://github.com/camillebnm/neural_shape_morphing
 OFFICIAL_OMEGA = 60.0
-#: Largest mean of | |∇g| − 1 | on the surface of a network that passes for a signed distance. The published ones
-#: have at most 0.09, and at least 0.16 when read at an ω that is 8 % off.
-EIKONAL_TOLERANCE = 0.15
-#: Points along a side of the grid on which a loaded network is looked at.
-_PROBE_RESOLUTION = {2: 256, 3: 48}
-#: At least this many of the points near the surface are looked at, where there are so many.
-_PROBE_POINTS = 10000
+#: Maximum mean of |‖∇g‖ − 1| on the surface of a signed distance. The published networks have at most 0.09, and at
+#: least 0.16 if ω is wrong by 8 %.
+_EIKONAL_TOLERANCE = 0.15
+#: Number of points along a side of the grid on which a network from a file is checked, by dimension.
+_CHECK_RESOLUTION = {2: 256, 3: 48}
+#: Approximate maximum number of points near the surface that are checked.
+_CHECK_POINTS = 10000
 
 
 class SirenFile(SirenShape):
-    """A published network: a state dict ``net.0.0.weight``, ``net.0.0.bias``, … without architecture or ω.
+    """A network from a file in the published format, trained in [-1, 1]^d.
 
-    It was trained in [-1, 1]^d.
+    The file is a state dict with the keys ``net.0.0.weight``, ``net.0.0.bias``, …, and contains neither architecture
+    nor ω.
 
     Args:
-        path: a file, or a public name such as ``official/ni/kitten.pth``.
-        omega: ω of every hidden layer, which the file does not say (60 for all the published ones).
-        pose: rotation, translation and scale given to the shape.
-        up: the direction in the coordinates of the file that becomes +y, before the pose; None if it is +y already.
+        path: A file, or a public name such as ``official/ni/kitten.pth``.
+        omega: Frequency ω of all hidden layers, 60 for the published networks.
+        pose: Rotation, translation, and scale applied to the shape.
+        up: Direction in the coordinates of the file that becomes +y, before the pose; None for +y.
 
     Raises:
-        InputError: if the file holds no such network, or what it holds is no signed distance in [-1, 1]^d.
+        InputError: If the file contains no such network, or the network is not a signed distance in [-1, 1]^d.
     """
 
     def __init__(
@@ -59,32 +59,37 @@ class SirenFile(SirenShape):
 
 @torch.no_grad()
 def set_layers_(network: Siren, layers: Sequence[Tensor]) -> None:
-    """Give a network the weights and biases, in order, that `read_layers` read."""
+    """Copy weights and biases from `read_layers` to a network."""
     for linear, weight, bias in zip(network.linear_layers, layers[::2], layers[1::2], strict=True):
         linear.weight.copy_(weight)
         linear.bias.copy_(bias)
 
 
 def read_layers(file: Path, inputs: Collection[int] = (2, 3), outputs: int = 1) -> list[Tensor]:
-    """Weights and biases in order, float32, from a state dict whose keys are ``net.<layer>.0.weight`` or the like.
+    """Read weights and biases in single precision from a state dict with keys such as ``net.0.0.weight``.
 
     Args:
-        file: written by torch.save.
-        inputs: how many inputs the network may have.
-        outputs: how many outputs it must have.
+        file: A file written by ``torch.save``.
+        inputs: Admissible numbers of inputs.
+        outputs: Required number of outputs.
+
+    Returns:
+        Weights and biases in order, (W_1, b_1, …, W_{L+1}, b_{L+1}).
 
     Raises:
-        InputError: if the file is no state dict of a sine network of one width and these inputs and outputs.
+        InputError: If the file is not a state dict of a sine network of constant width with these inputs and outputs.
     """
     try:
         state = torch.load(file, map_location="cpu", weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError, OSError, KeyError, ValueError) as error:
         raise InputError(
-            f"{file} is not a network file, or is cut short ({type(error).__name__}): give a state dict written by "
-            "torch.save, such as official/ni/kitten.pth."
+            f"{file} must be a state dict written by torch.save, got {type(error).__name__}. Try "
+            "`path=official/ni/kitten.pth`; the file may be truncated."
         ) from error
     if not isinstance(state, dict) or not state or not all(isinstance(v, Tensor) for v in state.values()):
-        raise InputError(f"{file} holds no state dict of tensors: give one, such as official/ni/kitten.pth.")
+        raise InputError(
+            f"{file} must be a state dict of tensors, got {type(state).__name__}. Try `path=official/ni/kitten.pth`."
+        )
     depth = len(state) // 2
     names = [f"net.{i}.0.{kind}" for i in range(depth) for kind in ("weight", "bias")]
     if set(names) != set(state):
@@ -92,8 +97,8 @@ def read_layers(file: Path, inputs: Collection[int] = (2, 3), outputs: int = 1) 
             names[-2:] = [f"net.{depth - 1}.weight", f"net.{depth - 1}.bias"]
         if set(names) != set(state) or depth < 2:
             raise InputError(
-                f"{file} has the keys {', '.join(list(state)[:3])}, …, which are not those of a published sine "
-                "network: they should be net.0.0.weight, net.0.0.bias, net.1.0.weight and so on."
+                f"{file} must have the keys net.0.0.weight, net.0.0.bias, net.1.0.weight, …, got "
+                f"{', '.join(list(state)[:3])}, …. Try `path=official/ni/kitten.pth` for an example."
             )
     return _checked(file, [state[name].float() for name in names], inputs, outputs)
 
@@ -102,27 +107,28 @@ def _checked(file: Path, layers: list[Tensor], inputs: Collection[int], outputs:
     weights, biases = layers[::2], layers[1::2]
     found, width = (weights[0].shape[1], weights[0].shape[0]) if weights[0].ndim == 2 else (0, 0)
     if found not in inputs:
-        kind = ": it is a trained morph, whose fourth input is time" if found == 4 else ""
-        raise InputError(f"{file} has {found} inputs{kind}; give a network of {' or '.join(map(str, inputs))} inputs.")
+        reason = ", which is a trained morph, whose fourth input is time" if found == 4 else ""
+        wanted = " or ".join(map(str, inputs))
+        raise InputError(f"{file} must have {wanted} inputs, got {found}{reason}. Try a network with {wanted} inputs.")
     expected = [(width, found), *[(width, width)] * (len(weights) - 2), (outputs, width)]
     shapes = [tuple(w.shape) for w in weights]
     if shapes != expected or any(b.shape != w.shape[:1] for w, b in zip(weights, biases, strict=True)):
         raise InputError(
-            f"{file} has layers of shapes {shapes}, but a network of one width and "
-            f"{'one output' if outputs == 1 else f'{outputs} outputs'} was expected: {expected}."
+            f"{file} must have layers of one width and {outputs} output{'s' * (outputs != 1)}, {expected}, got "
+            f"{shapes}. Try `path=official/ni/kitten.pth` for an example."
         )
     if not all(bool(t.isfinite().all()) for t in layers):
-        raise InputError(f"{file} holds weights that are not finite: get a fresh copy of it.")
+        raise InputError(f"{file} must have finite weights, got some that are not. Try a fresh copy of the file.")
     return layers
 
 
 @torch.no_grad()
 def _require_distance(network: ScalarSiren, name: str, omega: float) -> None:
-    """Raise an `InputError` unless a freshly loaded network is a signed distance in [-1, 1]^d.
+    """Reject a network that is not a signed distance in [-1, 1]^d.
 
-    A file does not say its ω. With a wrong one the values are no distances: no zero set, or |∇g| far from 1.
+    The file does not contain ω. With a wrong ω the network has no zero level set, or ‖∇g‖ is far from 1.
     """
-    dim, n = network.in_features, _PROBE_RESOLUTION[network.in_features]
+    dim, n = network.in_features, _CHECK_RESOLUTION[network.in_features]
     axis = torch.linspace(-1, 1, n)
     grid = torch.stack(torch.meshgrid(*[axis] * dim, indexing="ij"), -1).reshape(-1, dim)
     values = torch.cat([network(chunk) for chunk in grid.split(32768)])
@@ -130,23 +136,24 @@ def _require_distance(network: ScalarSiren, name: str, omega: float) -> None:
     near = grid[values.abs() < cell]
     if not bool((values < 0).any()) or len(near) == 0:
         raise InputError(
-            f"{name} read at omega={omega:g} has no surface in [-1, 1]^{dim}: give the omega that it was trained with "
-            f"(the published ones: omega={OFFICIAL_OMEGA:g})."
+            f"`omega` must be the value that {name} was trained with, got {omega:g}, with which it has no surface in "
+            f"[-1, 1]^{dim}. Try `omega={OFFICIAL_OMEGA:g}`, the value of the published networks."
         )
-    near = near[:: max(1, len(near) // _PROBE_POINTS)]  # at a small omega all of the grid is near
+    near = near[:: max(1, len(near) // _CHECK_POINTS)]  # with a small ω all points of the grid are near
     _, jet = newton_to_level(network.jet, near, reach=cell)
     norms = jet.gradient.norm(dim=1)
     deviation = float((norms - 1).abs().mean())
-    if not deviation < EIKONAL_TOLERANCE:
+    if not deviation < _EIKONAL_TOLERANCE:
         raise InputError(
-            f"{name} read at omega={omega:g} is no signed distance: the length of its gradient on the surface is "
-            f"{float(norms.mean()):.2f} ± {deviation:.2f} instead of 1, so give the omega that it was trained with "
-            f"(the published ones: omega={OFFICIAL_OMEGA:g})."
+            f"`omega` must be the value that {name} was trained with, got {omega:g}, with which ‖∇g‖ on the surface is "
+            f"{float(norms.mean()):.2f} ± {deviation:.2f} instead of 1. Try `omega={OFFICIAL_OMEGA:g}`, the value of "
+            "the published networks."
         )
     outer = (grid.abs().amax(1) > 1 - cell / 2) & (values < 0)
     if bool(outer.any()):
         least = float(values[outer].min())
         raise InputError(
-            f"{name} read at omega={omega:g} reaches the faces of [-1, 1]^{dim} (its least value is {least:.3g}), "
-            "so its surface is cut: give a network whose shape lies inside, or the omega it was trained with."
+            f"`omega` must be the value that {name} was trained with, got {omega:g}, with which its surface leaves "
+            f"[-1, 1]^{dim} (minimum on the faces {least:.3g}). Try `omega={OFFICIAL_OMEGA:g}`, the value of "
+            "the published networks."
         )

@@ -1,4 +1,4 @@
-"""The surface of the solid that a mesh with holes, or of parts that overlap, stands for."""
+"""The boundary of the solid described by a mesh with holes or overlapping parts."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from nsm.geometry.grid import CHUNK
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.triangles import Triangles
 
-#: Cells along the longest side of the mesh: by them holes are closed and triangles are cut where parts overlap.
+#: Number of cells along the longest side of the mesh, at which holes are closed and overlapping triangles are split.
 _CELLS = 128
-#: How far beside a triangle the winding number is looked at, in parts of the size of the mesh.
-_HAIR = 1e-5
-#: Where each triangle is looked at: near its corners and in the middle, by weights of its corners.
-_PLACES = torch.tensor([[0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9], [1 / 3, 1 / 3, 1 / 3]])
-#: Triangles with longer edges than so many cells are cut before they are looked at, if not all of them is exposed.
-_COARSE = 4
-#: The closing of a hole is where the winding number is this close to 1/2. At a triangle it jumps from 0 to 1.
+#: Offset from a triangle at which the winding number is evaluated, relative to the size of the mesh.
+_OFFSET = 1e-5
+#: Barycentric coordinates of the samples on a triangle: near its corners and at its center.
+_SAMPLES = torch.tensor([[0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9], [1 / 3, 1 / 3, 1 / 3]])
+#: Edge length, in cells, above which triangles are split unless all their samples are exposed.
+_MAX_EDGE = 4
+#: Maximum deviation of the winding number from 1/2 on the closing of a hole; at a triangle it jumps from 0 to 1.
 _HALF = 0.2
-#: The winding number is turned into a length by this many cells: close to triangles it is then no less than distance.
-_STEEP = 8
+#: Number of cells by which the winding number is scaled to a length that exceeds the distance near triangles.
+_STEEPNESS = 8
 
 
 def solid_boundary(vertices: np.ndarray, faces: np.ndarray, is_open: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles around the set where the winding number of a mesh is above 1/2.
+    """Compute triangles on the boundary of the set where the winding number of a mesh exceeds 1/2.
 
-    Those parts of its triangles that have the inside on both sides, or on none, are left out, so that distances are
-    those to the surface of the solid. Holes are closed where the winding number is 1/2.
+    Parts of triangles with the inside on both sides, or on neither, are removed, so that distances are those to the
+    surface of the solid. Holes are closed where the winding number is 1/2.
 
     Args:
-        vertices: (v, 3), double precision.
-        faces: triangles (m, 3), turned outwards.
-        is_open: whether there may be holes.
+        vertices: Vertices in double precision, shape (v, 3).
+        faces: Triangles with outward normals, shape (m, 3).
+        is_open: Whether the mesh may have holes.
 
     Returns:
-        The same for the boundary; the very same arrays where nothing is to be done.
+        Vertices and triangles of the boundary; the same objects if nothing changes.
     """
     mesh = Triangles(vertices, faces)
     cell = float(np.ptp(vertices, axis=0).max()) / _CELLS
@@ -52,16 +52,16 @@ def solid_boundary(vertices: np.ndarray, faces: np.ndarray, is_open: bool) -> tu
 
 
 def _exposed_parts(mesh: Triangles, corners: Tensor, cell: float) -> Tensor:
-    """Corners (k, 3, 3) of the triangles with the inside just below and the outside just above, cut where need be."""
-    whole = torch.arange(len(corners))  # of which triangle each part is
+    """Compute the parts of triangles with the inside just below and the outside just above, shape (k, 3, 3)."""
+    whole = torch.arange(len(corners))  # the triangle that each part belongs to
     parts, kept, owners = corners, [corners[:0]], [whole[:0]]
     intact = torch.ones(len(corners), dtype=torch.bool)
-    size = _COARSE * cell
+    max_edge = _MAX_EDGE * cell
     while len(parts):
         seen = _exposed(mesh, parts)
         longest = (parts - parts.roll(1, 1)).norm(dim=2).amax(1)
         mixed = seen.any(1) & ~seen.all(1)
-        cut = (mixed & (longest > cell)) | (~seen.all(1) & (longest > size))
+        cut = (mixed & (longest > cell)) | (~seen.all(1) & (longest > max_edge))
         keep = torch.where(mixed, seen[:, 3], seen.all(1)) & ~cut
         intact[whole[~keep & ~cut]] = False
         kept.append(parts[keep])
@@ -73,16 +73,18 @@ def _exposed_parts(mesh: Triangles, corners: Tensor, cell: float) -> Tensor:
 
 
 def _exposed(mesh: Triangles, corners: Tensor) -> Tensor:
-    """Whether the inside is just below and the outside just above, at the places (n, 4) of triangles."""
+    """Check at the samples of triangles, shape (n, 4), that the inside is just below and the outside just above."""
     normals = nn.functional.normalize(torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    hair = _HAIR * float(np.ptp(mesh.vertices, axis=0).max()) * normals[:, None]
-    at = torch.einsum("pk,nkd->npd", _PLACES.to(corners), corners)
-    above, below = (mesh.winding_number(side.reshape(-1, 3)).view(len(corners), -1) for side in (at + hair, at - hair))
+    offset = _OFFSET * float(np.ptp(mesh.vertices, axis=0).max()) * normals[:, None]
+    at = torch.einsum("pk,nkd->npd", _SAMPLES.to(corners), corners)
+    above, below = (
+        mesh.winding_number(side.reshape(-1, 3)).view(len(corners), -1) for side in (at + offset, at - offset)
+    )
     return (above <= 0.5) & (below > 0.5)
 
 
 def _quartered(corners: Tensor) -> Tensor:
-    """Triangles cut into four at the middles of their edges."""
+    """Split triangles into four at the midpoints of their edges."""
     a, b, c = corners.unbind(1)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -90,12 +92,12 @@ def _quartered(corners: Tensor) -> Tensor:
 
 
 def _closings(mesh: Triangles, cell: float) -> Tensor:
-    """Corners (k, 3, 3) of triangles across the holes, where the winding number is 1/2."""
+    """Compute triangles that close the holes where the winding number is 1/2, shape (k, 3, 3)."""
 
     def field(x: Tensor) -> Tensor:
         winding = mesh.winding_number(x) - 0.5
-        away = (_STEEP * cell * winding.abs()).minimum(mesh.closest(x).distances)
-        return torch.where(winding > 0, -away, away)
+        distance = (_STEEPNESS * cell * winding.abs()).minimum(mesh.closest(x).distances)
+        return torch.where(winding > 0, -distance, distance)
 
     low, high = torch.from_numpy(mesh.vertices.min(0)), torch.from_numpy(mesh.vertices.max(0))
     surface = extract_surface(field, torch.stack([low - 4 * cell, high + 4 * cell]), _CELLS)

@@ -1,4 +1,4 @@
-"""Meshes with what their vertices have: colors, a texture, further values."""
+"""Meshes with colors, textures, and other attributes of vertices."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from nsm.shapes.download import resolve
 from nsm.shapes.mesh_reading import read_mesh
 from nsm.types import SimplexMesh
 
-#: Values of a vertex in a ply file that are read as what they mean.
+#: Properties of vertices in a ply file that have their own fields.
 _KNOWN = {*("x", "y", "z", "nx", "ny", "nz"), *("red", "green", "blue", "alpha"), *("s", "t", "u", "v")}
 
 
 class Attributes(NamedTuple):
-    """What the vertices of a mesh have besides a place; nothing of it changes when they are carried.
+    """Attributes of the vertices of a mesh, which advection does not change.
 
     Attributes:
-        colors: sRGB (v, 3) in 0..1.
-        uv: texture coordinates (v, 2), (0, 0) at the lower left of the picture.
-        texture: the picture that ``uv`` points into.
-        others: further values, by name, (v,) or (v, m).
+        colors: sRGB colors in [0, 1], shape (v, 3).
+        uv: Texture coordinates, shape (v, 2), with (0, 0) at the lower left of the texture.
+        texture: Image that ``uv`` refers to.
+        others: Other values by name, shape (v,) or (v, m).
     """
 
     colors: Float[Tensor, "v 3"] | None = None
@@ -39,34 +39,34 @@ class Attributes(NamedTuple):
 
 
 class TexturedMesh(NamedTuple):
-    """A mesh with what its vertices have."""
+    """A mesh with attributes of its vertices."""
 
     mesh: SimplexMesh
     attributes: Attributes = Attributes()
 
 
 def load_textured(path: Path | str) -> TexturedMesh:
-    """Read a mesh file with its colors, texture and other values of its vertices, as they stand in the file.
+    """Read a mesh file with its colors, texture, and other attributes of its vertices, without changes.
 
-    Nothing is merged, moved or turned; vertices are (v, 3) in double precision, in the coordinates of the file.
+    Vertices are in double precision and in the coordinates of the file; none are merged.
 
     Args:
-        path: an obj, ply, stl, off or glb file, or a public name such as ``meshes/spot.obj``.
+        path: An obj, ply, stl, off, or glb file, or a public name such as ``meshes/spot.obj``.
 
     Raises:
-        InputError: if there is no such file, or it is no mesh.
+        InputError: If there is no such file, or it is not a mesh.
     """
     read = read_mesh(resolve(str(path)))
     mesh = SimplexMesh(
         torch.tensor(np.asarray(read.vertices), dtype=torch.double), torch.tensor(np.asarray(read.faces))
     )
-    return TexturedMesh(mesh, _look(read)._replace(others=_others(read)))
+    return TexturedMesh(mesh, _appearance(read)._replace(others=_others(read)))
 
 
 def _others(read: trimesh.Trimesh) -> dict[str, Tensor]:
-    """Numbers at the vertices that are neither place, normal nor color."""
+    """Collect numeric attributes other than positions, normals, and colors."""
     values = {str(name): np.asarray(array) for name, array in read.vertex_attributes.items()}
-    # trimesh keeps those of a ply file only as they were read
+    # trimesh stores those of a ply file only in its raw data
     raw = read.metadata.get("_ply_raw", {}).get("vertex", {}).get("data", {})
     names = raw.dtype.names if isinstance(raw, np.ndarray) else tuple(raw)
     values |= {str(name): np.asarray(raw[name]) for name in names or () if name not in _KNOWN}
@@ -77,8 +77,8 @@ def _others(read: trimesh.Trimesh) -> dict[str, Tensor]:
     }
 
 
-def _look(read: trimesh.Trimesh) -> Attributes:
-    """Colors, or texture coordinates and the picture."""
+def _appearance(read: trimesh.Trimesh) -> Attributes:
+    """Read colors, or texture coordinates and the texture."""
     visual: Any = read.visual
     if visual.kind in ("vertex", "face"):
         colors = torch.tensor(np.asarray(visual.vertex_colors)[:, :3], dtype=torch.double) / 255

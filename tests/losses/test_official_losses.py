@@ -37,8 +37,8 @@ class Problem(NamedTuple):
 class Slanted(Ball):
     """A ball whose field is no distance and whose gradient points elsewhere than away from its center."""
 
-    def own_distance(self, p: Tensor) -> Tensor:
-        return super().own_distance(p) * (1 + 0.5 * p[:, 2].sin())
+    def local_distance(self, p: Tensor) -> Tensor:
+        return super().local_distance(p) * (1 + 0.5 * p[:, 2].sin())
 
 
 def network(in_features: int, out_features: int) -> VectorSiren:

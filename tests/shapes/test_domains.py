@@ -93,7 +93,7 @@ class TestDomain:
 
     def test_a_file_is_trained_in_the_unit_box(self, data_dir: Path) -> None:
         shape = SirenFile("official/ni/kitten.pth", pose=POSE)
-        assert torch.equal(shape.own_box(), torch.tensor([[-1.0] * 3, [1.0] * 3]))
+        assert torch.equal(shape.local_box(), torch.tensor([[-1.0] * 3, [1.0] * 3]))
         assert (shape(shape.placement.apply(2 * scattered(2000, 1.0) / 1.0 + 3)) > 0).all()
         again = build(shape.config())
         again.load_state_dict(shape.state_dict())
@@ -118,7 +118,7 @@ class TestTrueDistance:
         assert (shape(x) - exact).abs().max() > 0.5
         assert (shape.true_distance(x) - exact).abs().max() < 0.02
         with caplog.at_level(logging.INFO):
-            shape.tell_deviation()
+            shape.log_deviation()
         assert "the network deviates from a distance" in caplog.text
         samples = shape.distance_samples(2000, torch.Generator().manual_seed(0))
         assert (samples.distances - Ball(shape.bounds()[1, 0].item())(samples.points)).abs().max() < 0.02
@@ -140,7 +140,7 @@ class TestTrueDistance:
     def test_a_published_network_that_strays(self, data_dir: Path, caplog: pytest.LogCaptureFixture) -> None:
         shape = SirenFile("official/ni/max_new.pth")
         with caplog.at_level(logging.INFO):
-            shape.tell_deviation()
+            shape.log_deviation()
         assert "official/ni/max_new.pth deviates from a distance" in caplog.text
         x, mesh = scattered(1000, 1.5), shape.surface()
         cloud = mesh.vertices[mesh.simplices].mean(1)

@@ -136,7 +136,7 @@ def test_the_key_changes_with_content_fit_and_pose_alone(tmp_path: Path) -> None
     assert len({key, *(shape.content_key() for shape in others)}) == 4
 
 
-def test_what_is_no_mesh_meets_a_sentence(tmp_path: Path) -> None:
+def test_files_without_a_usable_mesh_are_rejected(tmp_path: Path) -> None:
     def refused(name: str, content: bytes | trimesh.Trimesh, words: str, **arguments: object) -> None:
         path = tmp_path / name
         if isinstance(content, bytes):
@@ -149,24 +149,24 @@ def test_what_is_no_mesh_meets_a_sentence(tmp_path: Path) -> None:
 
     whole = Path(_export(SPHERE, tmp_path / "whole.ply")).read_bytes()
     text = Path(_export(SPHERE, tmp_path / "whole.obj")).read_bytes()
-    refused("a.ply", b"", "is empty")
-    refused("b.ply", whole[: len(whole) // 2], "cannot be read as a mesh .* cut short")
-    refused("b.obj", text[: int(0.8 * len(text))], "cut short")
-    refused("c.obj", text[: len(text) // 4], "cut short")
-    refused("c.ply", b"hello", "cannot be read as a mesh")
-    refused("d.xyz", b"1 2 3", r"ends in '.xyz': give a mesh file that ends in .obj")
-    refused("e.obj", b"v 0 0 0\nv nan 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 3\n", "not finite numbers")
-    refused("f.obj", _grid_sheet(0.0), "so open that it has no inside .44 boundary edges")
-    refused("g.obj", _grid_sheet(0.03), "so open that it has no inside")
+    refused("a.ply", b"", "got an empty file")
+    refused("b.ply", whole[: len(whole) // 2], "must contain a mesh in the format of its extension.* may be truncated")
+    refused("b.obj", text[: int(0.8 * len(text))], "may be truncated")
+    refused("c.obj", text[: len(text) // 4], "may be truncated")
+    refused("c.ply", b"hello", "must contain a mesh in the format")
+    refused("d.xyz", b"1 2 3", r"must end in .obj.*, got .*d.xyz. Try")
+    refused("e.obj", b"v 0 0 0\nv nan 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 4 3\n", "must have finite vertices")
+    refused("f.obj", _grid_sheet(0.0), "must be nearly closed, got 44 boundary edges")
+    refused("g.obj", _grid_sheet(0.03), "must be nearly closed")
     sheet = _grid_sheet(0.0)
     back = np.concatenate([sheet.faces, sheet.faces[:, ::-1]])
-    refused("h.obj", trimesh.Trimesh(sheet.vertices, back, process=False), "has volume 0")
-    refused("i.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "one point")
+    refused("h.obj", trimesh.Trimesh(sheet.vertices, back, process=False), "must enclose a positive volume, got 0")
+    refused("i.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "vertices that all coincide")
     refused("j.ply", SPHERE, r"`up` must be 3 numbers .* Try `up=\[0, 1, 0\]`", up=[0, 0, 0])
-    refused("l.ply", SPHERE, r"fit is 1.5: give a number in \(0, 1\], or null", fit=1.5)
-    with pytest.raises(InputError, match="is a folder"):
+    refused("l.ply", SPHERE, r"`fit` must be in \(0, 1\], or null .*, got 1.5", fit=1.5)
+    with pytest.raises(InputError, match="`path` must be a file, got the folder"):
         MeshFile(str(tmp_path))
-    with pytest.raises(InputError, match="no file"):
+    with pytest.raises(InputError, match="must be an existing file"):
         MeshFile(str(tmp_path / "nothing.obj"))
 
 

@@ -84,14 +84,14 @@ def test_the_pose_turns_the_normals_and_the_provenance_undoes_it(tmp_path: Path,
     torch.testing.assert_close(own.amax(0), torch.from_numpy(points).amax(0), atol=1e-5, rtol=0)
 
 
-def test_inward_normals_are_turned(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_inward_normals_are_flipped(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     points, normals = _sphere()
     shape = PointCloud(_write(tmp_path / "a.ply", points, -normals))
-    assert "point inwards: they are turned" in caplog.text
+    assert "point inward; they are flipped" in caplog.text
     assert shape.signed_distance(torch.zeros(1, 3)) < 0
 
 
-def test_what_is_no_oriented_cloud_meets_a_sentence(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_files_without_an_oriented_cloud_are_rejected(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     points, normals = _sphere(2000)
 
     def refused(path: str, words: str, **arguments: object) -> None:
@@ -107,16 +107,18 @@ def test_what_is_no_oriented_cloud_meets_a_sentence(tmp_path: Path, caplog: pyte
     holes[3, 1] = np.nan
     random = np.random.default_rng(0).normal(size=normals.shape)
     flat = points * np.array([1, 1, 0])
-    refused(str(tmp_path / "cut.ply"), "cut short")
-    refused(str(tmp_path / "empty.ply"), "is empty")
-    refused(str(tmp_path / "a.obj"), "ends in '.obj'")
-    refused(str(tmp_path), "is a folder")
-    refused(_write(tmp_path / "b.ply", points, None), "has no normals")
-    refused(_write(tmp_path / "c.xyz", points, None), "has no normals")
-    refused(_write(tmp_path / "d.ply", holes, normals), "1 points or normals that are not finite")
-    refused(_write(tmp_path / "e.ply", points, 0 * normals), "0 distinct points with normals")
-    refused(_write(tmp_path / "f.ply", points, random), "enclose nothing")
-    refused(_write(tmp_path / "g.ply", flat, np.tile([0.0, 0, 1], (2000, 1))), "enclose nothing")
+    refused(str(tmp_path / "cut.ply"), "may be truncated")
+    refused(str(tmp_path / "empty.ply"), "got an empty file")
+    refused(str(tmp_path / "a.obj"), r"must end in .ply or .xyz, got .*a\.obj")
+    refused(str(tmp_path), "must be a file, got the folder")
+    refused(_write(tmp_path / "b.ply", points, None), "must have the normals nx, ny, nz")
+    refused(_write(tmp_path / "c.xyz", points, None), "must have the normals nx, ny, nz")
+    refused(_write(tmp_path / "d.ply", holes, normals), "must have finite points and normals, got 1")
+    refused(_write(tmp_path / "e.ply", points, 0 * normals), "at least 48 distinct points with normals, got 0")
+    refused(_write(tmp_path / "f.ply", points, random), "must have normals that enclose a volume")
+    refused(
+        _write(tmp_path / "g.ply", flat, np.tile([0.0, 0, 1], (2000, 1))), "must have normals that enclose a volume"
+    )
     PointCloud(_write(tmp_path / "h.ply", points, np.where(np.arange(2000)[:, None] % 5 == 0, -normals, normals)))
     assert "contradict the others" in caplog.text
 

@@ -191,7 +191,7 @@ def test_rotations_turn_counterclockwise_in_degrees() -> None:
 def test_provenance_takes_points_back(shape: Primitive, generator: torch.Generator) -> None:
     similarity = Similarity.read(shape.provenance()["similarity"], shape.dim)
     x = _cube(200, shape.dim, generator)
-    own = shape.own_distance(similarity.inverse().apply(x))
+    own = shape.local_distance(similarity.inverse().apply(x))
     torch.testing.assert_close(similarity.scale * own, shape(x), atol=1e-12, rtol=0)
 
 
@@ -247,29 +247,29 @@ def test_the_default_pair_has_equal_volumes() -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Ball(0), "radius is 0, which leaves no volume"),
-        (lambda: Ball(-0.1), "give a positive number"),
-        (lambda: Ball(float("nan")), "radius is nan"),
-        (lambda: Ball(0.5, [0.0]), "2D or 3D"),
-        (lambda: Box([0.5, 0, 0.5]), "size is 0"),
-        (lambda: Box([0.5, 0.5], [0, 0, 0]), "give d each"),
-        (lambda: Cylinder(0.2, 0.4, [0, 0]), "cylinder is 3D"),
-        (lambda: Torus(0.2, 0.3), "cuts itself"),
-        (lambda: Polygon([[0, 0], [1, 1], [0.5, 0.5]]), "no area"),
-        (lambda: Polygon([[0, 0], [1, 1]]), "at least three"),
-        (lambda: Union([]), "no dimensions"),
-        (lambda: Union([Ball(0.2), Ball(0.2, [0, 0])]), "one dimension"),
-        (lambda: Ball(0.5, pose={"rotation": 30}), "three numbers"),
+        (lambda: Ball(0), "`radius` must be a positive length, got 0"),
+        (lambda: Ball(-0.1), "Try `radius=0.5`"),
+        (lambda: Ball(float("nan")), "`radius` must be a positive length, got nan"),
+        (lambda: Ball(0.5, [0.0]), "2 or 3 coordinates, got 1"),
+        (lambda: Box([0.5, 0, 0.5]), "`size` must be a positive length, got 0"),
+        (lambda: Box([0.5, 0.5], [0, 0, 0]), "must have the same dimension, got 2 and 3 numbers"),
+        (lambda: Cylinder(0.2, 0.4, [0, 0]), "3 coordinates for this shape, got 2"),
+        (lambda: Torus(0.2, 0.3), "`minor` must be less than `major`"),
+        (lambda: Polygon([[0, 0], [1, 1], [0.5, 0.5]]), "must not be collinear"),
+        (lambda: Polygon([[0, 0], [1, 1]]), "at least three points"),
+        (lambda: Union([]), r"got dimensions \[\]"),
+        (lambda: Union([Ball(0.2), Ball(0.2, [0, 0])]), r"got dimensions \[2, 3\]"),
+        (lambda: Ball(0.5, pose={"rotation": 30}), "three numbers, the axis times the angle"),
         (lambda: Ball(0.5, [0, 0], pose={"rotation": [1, 2, 3]}), "one angle in degrees"),
-        (lambda: Ball(0.5, pose={"translation": [0.1]}), "3 finite numbers"),
-        (lambda: Ball(0.5, pose={"scale": 0}), "pose.scale is 0"),
-        (lambda: Ball(0.5, pose={"turn": 0}), "no key 'turn'"),
-        (lambda: Ball(0.5, pose={"rotation": [[1, 0, 0], [0, 2, 0], [0, 0, 1]]}), "no rotation"),
-        (lambda: Ball(0.5, pose={"rotation": ["a", "b", "c"]}), "takes numbers"),
-        (lambda: equal_volume(Ball(0.2), Ball(0.2, [0, 0])), "source is 3D and the target 2D"),
+        (lambda: Ball(0.5, pose={"translation": [0.1]}), "`pose.translation` must be 3 finite numbers"),
+        (lambda: Ball(0.5, pose={"scale": 0}), "`pose.scale` must be positive and finite, got 0"),
+        (lambda: Ball(0.5, pose={"turn": 0}), "got 'turn'"),
+        (lambda: Ball(0.5, pose={"rotation": [[1, 0, 0], [0, 2, 0], [0, 0, 1]]}), "which is not a rotation"),
+        (lambda: Ball(0.5, pose={"rotation": ["a", "b", "c"]}), "must consist of numbers"),
+        (lambda: equal_volume(Ball(0.2), Ball(0.2, [0, 0])), "`target` must have the dimension of `source`, got 2D"),
     ],
 )
-def test_what_cannot_be_meets_a_sentence(make: Callable[[], object], words: str) -> None:
+def test_invalid_shapes_are_rejected(make: Callable[[], object], words: str) -> None:
     with pytest.raises(InputError, match=words) as error:
         make()
     assert "\n" not in str(error.value)
@@ -297,7 +297,7 @@ class TestDownload:
 
     def test_a_wrong_copy_is_refused(self, one_file) -> None:
         one_file.write_text("v 0 0 1\n")
-        with pytest.raises(InputError, match=r"not the file it should be \(SHA-256"):
+        with pytest.raises(InputError, match="must have the SHA-256 checksum"):
             fetch("meshes/a.obj")
 
     def test_without_copy_and_network_it_says_what_to_fetch(self, one_file) -> None:
@@ -306,11 +306,11 @@ class TestDownload:
             fetch("meshes/a.obj")
 
     def test_unknown_names(self, one_file) -> None:
-        with pytest.raises(InputError, match=r"did you mean meshes/a\.obj"):
+        with pytest.raises(InputError, match=r"got meshes/b\.obj. Try `meshes/a\.obj`"):
             fetch("meshes/b.obj")
-        with pytest.raises(InputError, match=r"no file nothing\.xyz"):
+        with pytest.raises(InputError, match=r"must be an existing file or a public name, got nothing\.xyz"):
             resolve("nothing.xyz")
-        with pytest.raises(InputError, match="is a folder"):
+        with pytest.raises(InputError, match="`path` must be a file, got the folder"):
             resolve(one_file.parent)
 
     def test_the_manifest_is_complete(self) -> None:

@@ -122,7 +122,7 @@ def test_volume_and_samples_of_a_network(ball_file: Path, generator: torch.Gener
 
 @pytest.mark.parametrize("omega", [0.1, 2.0, 12.0, 60.0])
 def test_a_wrong_omega_is_noticed(ball_file: Path, omega: float) -> None:
-    with pytest.raises(InputError, match=f"omega={omega:g} .*give"):
+    with pytest.raises(InputError, match=f"`omega` must be .*, got {omega:g}, .*Try `omega=60`"):
         SirenFile(str(ball_file), omega=omega)
 
 
@@ -134,16 +134,16 @@ class _Hostile:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"a": 1}, "no state dict of tensors"),
-        ([torch.zeros(2)], "no state dict of tensors"),
-        ({}, "no state dict of tensors"),
-        (_Hostile(), "not a network file"),
-        ({"layer.weight": torch.zeros(3, 3)}, "which are not those"),
+        ({"a": 1}, "must be a state dict of tensors"),
+        ([torch.zeros(2)], "must be a state dict of tensors"),
+        ({}, "must be a state dict of tensors"),
+        (_Hostile(), "must be a state dict written by torch.save"),
+        ({"layer.weight": torch.zeros(3, 3)}, "must have the keys"),
         (_state(ScalarSiren(4, 8, 2)), "trained morph, whose fourth input is time"),
-        (_state(ScalarSiren(1, 8, 2)), "1 inputs"),
-        ({**_state(ScalarSiren(3, 8, 2)), "net.1.0.weight": torch.zeros(8, 7)}, "one width and one output"),
-        ({**_state(ScalarSiren(3, 8, 2)), "net.1.0.bias": torch.zeros(7)}, "one width and one output"),
-        ({**_state(ScalarSiren(3, 8, 2)), "net.2.0.bias": torch.tensor([torch.nan])}, "not finite"),
+        (_state(ScalarSiren(1, 8, 2)), "got 1"),
+        ({**_state(ScalarSiren(3, 8, 2)), "net.1.0.weight": torch.zeros(8, 7)}, "one width and 1 output"),
+        ({**_state(ScalarSiren(3, 8, 2)), "net.1.0.bias": torch.zeros(7)}, "one width and 1 output"),
+        ({**_state(ScalarSiren(3, 8, 2)), "net.2.0.bias": torch.tensor([torch.nan])}, "must have finite weights"),
     ],
 )
 def test_files_that_hold_no_shape(content: object, words: str, tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_files_that_hold_no_shape(content: object, words: str, tmp_path: Path) -
 def test_damaged_files(ball_file: Path, tmp_path: Path) -> None:
     for content in (b"", b"hello", ball_file.read_bytes()[:2000], pickle.dumps(_Hostile())):
         (tmp_path / "cut.pth").write_bytes(content)
-        with pytest.raises(InputError, match="not a network file, or is cut short"):
+        with pytest.raises(InputError, match=r"must be a state dict written by torch\.save"):
             SirenFile(str(tmp_path / "cut.pth"))
 
 
@@ -171,7 +171,7 @@ def test_published_networks_are_signed_distances(name: str, data_dir: Path, gene
 
 @pytest.mark.parametrize(("name", "omega"), [("kitten", 30), ("spot", 15), ("cylinder", 1), ("bust", 45)])
 def test_published_networks_at_a_wrong_omega(name: str, omega: float, data_dir: Path) -> None:
-    with pytest.raises(InputError, match=f"read at omega={omega} .* omega=60"):
+    with pytest.raises(InputError, match=f"got {omega}, .* Try `omega=60`"):
         SirenFile(f"official/ni/{name}.pth", omega=omega)
 
 

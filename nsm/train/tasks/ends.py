@@ -44,7 +44,7 @@ def prepare_ends(source: Shape, target: Shape, fit: SdfFit, equal: bool = True) 
     fields = [realise(shape, fit) for shape in (source, target)]
     for field in fields:
         if isinstance(field, SirenShape):
-            field.tell_deviation()
+            field.log_deviation()
     scales = [1.0, 1.0]
     if equal:
         result = equal_volume(*fields)
