@@ -174,7 +174,7 @@ def test_a_batch_of_a_sampler_knows_the_gradients_of_its_end_shapes() -> None:
     torch.testing.assert_close(known, F.normalize(batch.points[:20, :3] - centers, dim=1), atol=1e-4, rtol=0)
 
 
-def test_a_term_that_needs_the_end_shapes_says_so() -> None:
+def test_the_official_neumann_term_needs_the_end_shapes() -> None:
     evaluation = made(Nise(3)).evaluation
-    with pytest.raises(ValueError, match="needs the end shapes, and none are given"):
+    with pytest.raises(ValueError, match="`ends` must be the two end shapes"):
         OfficialNeumann(1.0)(BatchEvaluation(evaluation.batch, evaluation.field))
