@@ -81,7 +81,7 @@ class CarriedAlong(Surfaces):
         request: what was asked for.
 
     Attributes:
-        progress: of `nsm.geometry.advection.carry`, told while the mesh is carried, at the first call.
+        progress: of `nsm.geometry.advection.advect`, told while the mesh is carried, at the first call.
 
     Raises:
         InputError: if the morph has no velocity, or the mesh cannot be read.

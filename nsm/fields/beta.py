@@ -45,7 +45,7 @@ class Gaussian(Beta):
 
     def __init__(self, alpha: float = 0.1) -> None:
         super().__init__()
-        self.alpha = positive("beta.alpha", alpha)
+        self.alpha = positive("beta.alpha", alpha, example=0.1)
 
     def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
         return -torch.expm1(-self.alpha * s.square())

@@ -72,7 +72,7 @@ class RungeKutta(AdvectionMethod):
     steps: int = 32
 
     def __post_init__(self) -> None:
-        whole_number("steps", self.steps, 1)
+        whole_number("steps", self.steps, example=32)
 
     def stops(self, start: float, end: float, projected: bool) -> list[float]:
         """List evenly spaced times at most 1/steps apart."""
@@ -104,8 +104,8 @@ class Adaptive(AdvectionMethod):
     stops_per_unit: int = 32
 
     def __post_init__(self) -> None:
-        positive("tolerance", self.tolerance)
-        whole_number("stops_per_unit", self.stops_per_unit, 1)
+        positive("tolerance", self.tolerance, example=1e-5)
+        whole_number("stops_per_unit", self.stops_per_unit, example=32)
 
     def stops(self, start: float, end: float, projected: bool) -> list[float]:
         """List the two ends, or evenly spaced times if points are projected."""

@@ -113,7 +113,7 @@ class TrainedMorph(Morph):
         time, resolution = moment("t", t), whole_number("resolution", resolution, 2)
         back = similarity_to(self._morph, coordinates)
         frame = extract_frame(self._morph, time, resolution)
-        vertices, normals = back.apply(frame.mesh.vertices.double()), back.turn(frame.normals.double())
+        vertices, normals = back.apply(frame.mesh.vertices.double()), back.rotate(frame.normals.double())
         return trimesh.Trimesh(
             vertices.cpu().numpy(),
             frame.mesh.simplices.cpu().numpy(),

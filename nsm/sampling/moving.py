@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from nsm.cli.errors import InputError
+from nsm.cli import settings
 from nsm.sampling.batch import Batch
 from nsm.types import Jet, SignedDistance
 
@@ -66,7 +66,7 @@ class MovingSurface(SurfacePoints):
     """
 
     def __init__(self, dim: int, interior: int, fraction: float, width: float, reach: float) -> None:
-        super().__init__(dim, round(_fraction("near.fraction", fraction) * interior))
+        super().__init__(dim, round(settings.fraction("sampler.near.fraction", fraction, example=0.3) * interior))
         self.dim, self.width, self.reach = dim, float(width), float(reach)
 
     def place(self, batch: Batch, half_width: float) -> Batch:
@@ -117,9 +117,10 @@ class EndSurfaces(SurfacePoints):
     chosen: Tensor
 
     def __init__(self, dim: int, ambient: int, own: float, visitors: float, width: float, reach: float) -> None:
-        super().__init__(dim, round(_fraction("ends.own", own) * ambient))
+        super().__init__(dim, round(settings.fraction("sampler.ends.own", own) * ambient))
         self.dim, self.width, self.reach = dim, float(width), float(reach)
-        self.visitors = min(round(_fraction("ends.visitors", visitors) * ambient), ambient - len(self))
+        visitors = settings.fraction("sampler.ends.visitors", visitors, example=0.25)
+        self.visitors = min(round(visitors * ambient), ambient - len(self))
         # a fixed permutation, so that both ends lose equally many of their sampled points
         order = torch.randperm(ambient, generator=torch.Generator().manual_seed(0))
         self.register_buffer("chosen", order[: len(self) + self.visitors], persistent=False)
@@ -184,9 +185,3 @@ def _onto_surface(p: Float[Tensor, "n k"], f: Jet, reach: float) -> tuple[Float[
     on = p[close].clone()
     on[:, space] -= (f.value[close] / gradient.square().sum(1).clamp(min=_MIN_SQUARED_SLOPE))[:, None] * gradient
     return on, close
-
-
-def _fraction(name: str, value: float) -> float:
-    if not 0 <= value <= 1:
-        raise InputError(f"`sampler.{name}` must be a fraction between 0 and 1, got {value}. Try `sampler.{name}=0.3`.")
-    return float(value)

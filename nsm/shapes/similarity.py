@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +12,7 @@ from kornia.geometry.conversions import angle_to_rotation_matrix, axis_angle_to_
 from torch import Tensor
 
 from nsm.cli.errors import InputError
+from nsm.cli.settings import positive
 
 #: Maximum deviation of R Rᵀ from the identity for a rotation matrix in a configuration.
 _ORTHOGONAL = 1e-4
@@ -116,14 +116,12 @@ class Similarity:
                 f"{', '.join(sorted(map(repr, unknown)))}. Try `pose.rotation=[0,0,90]`."
             )
         translation = torch.tensor(_numbers(pose.get("translation") or [0.0] * dim), dtype=torch.float64)
-        scale = float(pose.get("scale", 1.0))
+        scale = positive("pose.scale", pose.get("scale", 1.0))
         if translation.shape != (dim,) or not translation.isfinite().all():
             raise InputError(
                 f"`pose.translation` must be {dim} finite numbers, got {translation.tolist()}. Try "
                 f"`pose.translation={[0] * dim}`."
             )
-        if not 0 < scale < math.inf:
-            raise InputError(f"`pose.scale` must be positive and finite, got {scale:g}. Try `pose.scale=1`.")
         return Similarity(_rotation(pose.get("rotation"), dim), translation, scale)
 
     def apply(self, x: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:

@@ -55,4 +55,4 @@ def test_an_example_prints_what_it_shows(example: Example) -> None:
 
 def test_shapes_velocities_and_losses_have_examples() -> None:
     rooms = {".".join(example.module.split(".")[1:2]) for example in EXAMPLES}
-    assert {"calculus", "fields", "geometry", "losses", "sampling"} <= rooms
+    assert {"calculus", "fields", "geometry", "losses", "sampling", "shapes"} <= rooms

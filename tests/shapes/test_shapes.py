@@ -247,11 +247,11 @@ def test_the_default_pair_has_equal_volumes() -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Ball(0), "`radius` must be a positive length, got 0"),
+        (lambda: Ball(0), "`radius` must be positive and finite, got 0"),
         (lambda: Ball(-0.1), "Try `radius=0.5`"),
-        (lambda: Ball(float("nan")), "`radius` must be a positive length, got nan"),
+        (lambda: Ball(float("nan")), "`radius` must be positive and finite, got nan"),
         (lambda: Ball(0.5, [0.0]), "2 or 3 coordinates, got 1"),
-        (lambda: Box([0.5, 0, 0.5]), "`size` must be a positive length, got 0"),
+        (lambda: Box([0.5, 0, 0.5]), "`size` must be positive and finite, got 0"),
         (lambda: Box([0.5, 0.5], [0, 0, 0]), "must have the same dimension, got 2 and 3 numbers"),
         (lambda: Cylinder(0.2, 0.4, [0, 0]), "3 coordinates for this shape, got 2"),
         (lambda: Torus(0.2, 0.3), "`minor` must be less than `major`"),

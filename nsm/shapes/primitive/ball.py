@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.shapes.primitive.base import Primitive, coordinates, positive_length
+from nsm.cli.settings import positive
+from nsm.shapes.primitive.base import Primitive, coordinates
 from nsm.shapes.similarity import Pose
 
 
@@ -34,7 +35,7 @@ class Ball(Primitive):
     """
 
     def __init__(self, radius: float, center: Sequence[float] = (0, 0, 0), pose: Pose = None) -> None:
-        self.radius, self.center = positive_length("radius", radius), coordinates(center)
+        self.radius, self.center = positive("radius", radius, example=0.5), coordinates(center)
         super().__init__(len(self.center), pose, {"radius": self.radius, "center": self.center})
 
     def local_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:

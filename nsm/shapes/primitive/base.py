@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -82,18 +81,6 @@ class Primitive(FieldShape):
 def box_distance(q: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
     """Compute the distance to a box from q = |p| − size/2: ‖max(q, 0)‖ + min(max_i q_i, 0)."""
     return q.clamp(min=0).norm(dim=1) + q.amax(1).clamp(max=0)
-
-
-def positive_length(name: str, value: float) -> float:
-    """Validate a length of a shape.
-
-    Raises:
-        InputError: If it is not positive and finite.
-    """
-    value = float(value)
-    if not 0 < value < math.inf:
-        raise InputError(f"`{name}` must be a positive length, got {value:g}. Try `{name}=0.5`.")
-    return value
 
 
 def coordinates(values: Sequence[float]) -> list[float]:

@@ -9,7 +9,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.shapes.primitive.base import Primitive, box_distance, coordinates, positive_length
+from nsm.cli.settings import positive
+from nsm.shapes.primitive.base import Primitive, box_distance, coordinates
 from nsm.shapes.similarity import Pose
 
 
@@ -35,7 +36,7 @@ class Box(Primitive):
     """
 
     def __init__(self, size: Sequence[float], center: Sequence[float] = (0, 0, 0), pose: Pose = None) -> None:
-        self.size, self.center = [positive_length("size", s) for s in size], coordinates(center)
+        self.size, self.center = [positive("size", s, example=0.5) for s in size], coordinates(center)
         if len(self.size) != len(self.center):
             raise InputError(
                 f"`size` and `center` must have the same dimension, got {len(self.size)} and {len(self.center)} "

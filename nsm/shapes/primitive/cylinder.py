@@ -9,7 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.shapes.primitive.base import Primitive, box_distance, coordinates, positive_length, require_3d
+from nsm.cli.settings import positive
+from nsm.shapes.primitive.base import Primitive, box_distance, coordinates, require_3d
 from nsm.shapes.similarity import Pose
 
 
@@ -38,7 +39,7 @@ class Cylinder(Primitive):
     """
 
     def __init__(self, radius: float, height: float, center: Sequence[float] = (0, 0, 0), pose: Pose = None) -> None:
-        self.radius, self.height = positive_length("radius", radius), positive_length("height", height)
+        self.radius, self.height = positive("radius", radius, example=0.5), positive("height", height, example=0.5)
         self.center = coordinates(center)
         require_3d(self.center)
         super().__init__(3, pose, {"radius": self.radius, "height": self.height, "center": self.center})
@@ -77,7 +78,7 @@ class Capsule(Primitive):
     """
 
     def __init__(self, radius: float, height: float, center: Sequence[float] = (0, 0, 0), pose: Pose = None) -> None:
-        self.radius, self.height = positive_length("radius", radius), positive_length("height", height)
+        self.radius, self.height = positive("radius", radius, example=0.5), positive("height", height, example=0.5)
         self.center = coordinates(center)
         arguments = {"radius": self.radius, "height": self.height, "center": self.center}
         super().__init__(len(self.center), pose, arguments)

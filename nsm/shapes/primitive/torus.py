@@ -10,7 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.shapes.primitive.base import Primitive, coordinates, positive_length, require_3d
+from nsm.cli.settings import positive
+from nsm.shapes.primitive.base import Primitive, coordinates, require_3d
 from nsm.shapes.similarity import Pose
 
 
@@ -37,7 +38,7 @@ class Torus(Primitive):
     """
 
     def __init__(self, major: float, minor: float, center: Sequence[float] = (0, 0, 0), pose: Pose = None) -> None:
-        self.major, self.minor = positive_length("major", major), positive_length("minor", minor)
+        self.major, self.minor = positive("major", major, example=0.5), positive("minor", minor, example=0.5)
         self.center = coordinates(center)
         require_3d(self.center)
         if self.minor >= self.major:
