@@ -54,14 +54,36 @@ class Gaussian(Beta):
         return 2 * self.alpha * s * torch.exp(-self.alpha * s.square())
 
 
-class Rational(Beta):
-    """β(s) = s² / (s² + w²): quadratic near the surface, and tends to 1 more slowly than `Gaussian`.
+class _Saturating(Beta):
+    """β(s) = s^k / (s^k + w^k) for an even exponent k.
 
     Args:
         width: Distance w at which β = ½.
 
     Raises:
         InputError: If ``width`` is not positive and finite.
+    """
+
+    exponent: int
+
+    def __init__(self, width: float = 1.0) -> None:
+        super().__init__()
+        self.width = positive("beta.width", width)
+
+    def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+        k = self.exponent
+        return s.pow(k) / (s.pow(k) + self.width**k)
+
+    def derivative(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
+        k = self.exponent
+        return k * s.pow(k - 1) * self.width**k / (s.pow(k) + self.width**k).square()
+
+
+class Rational(_Saturating):
+    """β(s) = s² / (s² + w²): quadratic near the surface, and tends to 1 more slowly than `Gaussian`.
+
+    Args:
+        width: Distance w at which β = ½.
 
     Example:
         >>> import torch
@@ -70,42 +92,23 @@ class Rational(Beta):
         tensor([0.0000, 0.5000])
     """
 
-    def __init__(self, width: float = 1.0) -> None:
-        super().__init__()
-        self.width = positive("beta.width", width)
-
-    def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-        return s.square() / (s.square() + self.width**2)
-
-    def derivative(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-        return 2 * s * self.width**2 / (s.square() + self.width**2).square()
+    exponent = 2
 
 
-class Quartic(Beta):
-    """β(s) = s⁴ / (s⁴ + w⁴): also β''(0) = 0, so the velocity is nearly divergence-free in a wider neighborhood.
+class Quartic(_Saturating):
+    """β(s) = s⁴ / (s⁴ + w⁴): also β''(0) = 0, so V is nearly divergence-free in a wider neighborhood.
 
     Args:
         width: Distance w at which β = ½.
 
-    Raises:
-        InputError: If ``width`` is not positive and finite.
-
     Example:
         >>> import torch
         >>> from nsm.fields import Quartic
-        >>> Quartic(width=2.0)(torch.tensor([0.0, 2.0]))
-        tensor([0.0000, 0.5000])
+        >>> Quartic(width=2.0)(torch.tensor([0.0, 1.0, 2.0]))
+        tensor([0.0000, 0.0588, 0.5000])
     """
 
-    def __init__(self, width: float = 1.0) -> None:
-        super().__init__()
-        self.width = positive("beta.width", width)
-
-    def forward(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-        return s.pow(4) / (s.pow(4) + self.width**4)
-
-    def derivative(self, s: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
-        return 4 * s.pow(3) * self.width**4 / (s.pow(4) + self.width**4).square()
+    exponent = 4
 
 
 class Quadratic(Beta):

@@ -87,7 +87,7 @@ class FlowMaps:
     def _advected(self, start: float, end: float) -> Float[Tensor, "n d"]:
         """Advect all points of the lattice together, so that each stage interpolates the table in time only once."""
         x = self._nodes
-        for before, after in pairwise(self.method.stops(start, end, projected=False)):
+        for before, after in pairwise(self.method.stops(start, end)):
             x = self.method.advance(self._table, x, before, after)
         return x
 

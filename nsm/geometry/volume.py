@@ -160,8 +160,8 @@ def cell_fraction(mean: Float[Tensor, " n"], rise: Float[Tensor, "n d"]) -> Floa
     Example:
         >>> import torch
         >>> from nsm.geometry.volume import cell_fraction
-        >>> cell_fraction(torch.tensor([0.0, -0.25]), torch.tensor([[1.0, 0.0], [1.0, 0.0]]))
-        tensor([0.5000, 0.7500])
+        >>> cell_fraction(torch.tensor([0.0, -0.5]), torch.tensor([[1.0, 1.0], [1.0, 1.0]]))
+        tensor([0.5000, 0.8750])
     """
     dim = rise.shape[1]
     slope = rise.abs()

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.geometry.advection import DEFAULT_METHOD, AdvectionMethod, Progress, Projection, VelocityField, advect
+from nsm.geometry.advection import DEFAULT_METHOD, Progress, Projection, RungeKutta, VelocityField, advect
 from nsm.geometry.distance import closest_points
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.projection import project_to_level
@@ -103,7 +103,7 @@ def carry_surface(
     morph: Morph,
     times: Sequence[float],
     resolution: int,
-    method: AdvectionMethod = DEFAULT_METHOD,
+    method: RungeKutta = DEFAULT_METHOD,
     project: Projection | None = None,
     progress: Progress | None = None,
 ) -> Carried:
@@ -132,7 +132,7 @@ def carry_mesh(
     morph: Morph,
     source: TexturedMesh,
     times: Sequence[float],
-    method: AdvectionMethod = DEFAULT_METHOD,
+    method: RungeKutta = DEFAULT_METHOD,
     project: Projection | None = None,
     progress: Progress | None = None,
 ) -> Carried:

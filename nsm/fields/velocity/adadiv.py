@@ -50,15 +50,7 @@ class AdaDiv(LearnedVelocity):
         return torch.addcmul(solenoidal, self.beta(f.value.detach())[:, None], jacobian[:, 0])
 
     def divergence(self, p: Float[Tensor, "n k"], f: Jet) -> Float[Tensor, " n"]:
-        """Evaluate div V = β(f) Δu + β'(f) ⟨∇f, ∇u⟩ (paper, eq. 6).
-
-        Args:
-            p: Points (x, t) in space-time, shape (n, d + 1).
-            f: Value and gradient of f at these points.
-
-        Returns:
-            Divergences, shape (n,).
-        """
+        """Evaluate div V = β(f) Δu + β'(f) ⟨∇f, ∇u⟩ (paper, eq. 6)."""
         jet, laplacian = calculus.value_jacobian_and_laplacian(self.network.layers, p, self.dim)
         distance, gradient = f.value.detach(), f.gradient[:, : self.dim].detach()
         alignment = (gradient * jet.jacobian[:, 0]).sum(1)
