@@ -1,4 +1,4 @@
-"""Every β, velocity, and initialization of f in the configuration."""
+"""Every velocity of the configuration: values, divergence, gradients, and flows."""
 
 from __future__ import annotations
 
@@ -16,36 +16,20 @@ from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.fields import (
     AdaDiv,
-    Beta,
     Free,
     Gaussian,
     LipschitzMlp,
     Nise,
     NullDiv,
-    OfficialInit,
-    OwnInit,
-    Quadratic,
-    Quartic,
-    Rational,
     ScalarSiren,
-    SirenInit,
-    SourceInit,
     VectorSiren,
     Velocity,
 )
 from nsm.types import Jet
 
-BETAS = sorted(p.stem for p in (CONF / "beta").glob("*.yaml"))
 VELOCITIES = sorted(p.stem for p in (CONF / "velocity").glob("*.yaml") if p.stem != "none")
 #: Those that have a network of their own.
 LEARNED = [name for name in VELOCITIES if name != "nise"]
-INITS = sorted(p.stem for p in (CONF / "init").glob("*.yaml"))
-#: Each family with the name of its parameter.
-FAMILIES = [(Gaussian, "alpha"), (Rational, "width"), (Quartic, "width"), (Quadratic, "width")]
-
-
-def beta_of(name: str) -> Beta:
-    return instantiate(composed(f"beta={name}").beta)
 
 
 def velocity_of(name: str, dim: int) -> Velocity:
@@ -73,62 +57,6 @@ def points(n: int, dim: int) -> Tensor:
 
 def field_of(dim: int) -> ScalarSiren:
     return ScalarSiren(dim + 1, 8, 2, omega=2.0).double()
-
-
-def jet_of(field: Callable[[Tensor], Tensor], p: Tensor) -> Jet:
-    """A jet by torch.func, so that it can be differentiated once more."""
-    return Jet(field(p), vmap(jacrev(lambda q: field(q[None])[0]))(p))
-
-
-@pytest.mark.parametrize("name", BETAS)
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_beta_and_its_derivative_vanish_exactly_on_the_surface(name: str, dtype: torch.dtype) -> None:
-    beta, zero = beta_of(name), torch.zeros(1, dtype=dtype)
-    assert beta(zero).item() == 0
-    assert beta.derivative(zero).item() == 0
-
-
-@pytest.mark.parametrize("name", BETAS)
-def test_beta_is_even_and_never_negative_and_positive_elsewhere(name: str) -> None:
-    beta, s = beta_of(name), torch.linspace(0.01, 3, 100, dtype=torch.float64)
-    assert (beta(s) > 0).all()
-    torch.testing.assert_close(beta(-s), beta(s), rtol=0, atol=0)
-    torch.testing.assert_close(beta.derivative(-s), -beta.derivative(s), rtol=0, atol=0)
-
-
-@pytest.mark.parametrize("name", BETAS)
-def test_the_derivative_of_beta_is_its_derivative(name: str) -> None:
-    beta, s = beta_of(name), torch.linspace(-3, 3, 101, dtype=torch.float64, requires_grad=True)
-    torch.testing.assert_close(beta.derivative(s), torch.autograd.grad(beta(s).sum(), s)[0])
-
-
-@pytest.mark.parametrize(("family", "parameter"), FAMILIES)
-def test_every_beta_has_a_parameter_that_matters(family: type[Beta], parameter: str) -> None:
-    s = torch.linspace(0.1, 2, 20, dtype=torch.float64)
-    one, two = family(**{parameter: 0.5}), family(**{parameter: 1.0})
-    assert ((one(s) - two(s)).abs() > 1e-3).all()
-
-
-@pytest.mark.parametrize(("family", "parameter"), FAMILIES)
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
-def test_every_beta_needs_a_positive_finite_parameter(family: type[Beta], parameter: str, value: float) -> None:
-    with pytest.raises(InputError, match=f"beta.{parameter}.*{value}"):
-        family(**{parameter: value})
-
-
-def test_the_gaussian_is_the_papers() -> None:
-    s = torch.tensor([0.3, -2.0], dtype=torch.float64)
-    torch.testing.assert_close(Gaussian()(s), 1 - torch.exp(-0.1 * s**2))
-
-
-@pytest.mark.parametrize(("family", "value"), [(Rational, 0.5), (Quartic, 0.5), (Quadratic, 1.0)])
-def test_the_width_is_where_beta_takes_the_documented_value(family: type[Beta], value: float) -> None:
-    assert family(width=0.7)(torch.tensor(0.7)).item() == pytest.approx(value)
-
-
-def test_the_quadratic_and_the_gaussian_agree_near_the_surface() -> None:
-    s = torch.tensor([1e-3], dtype=torch.float64)
-    torch.testing.assert_close(Quadratic()(s), Gaussian()(s), rtol=1e-6, atol=0)
 
 
 @pytest.mark.parametrize("name", VELOCITIES)
@@ -295,86 +223,6 @@ def test_nise_asks_for_f_and_the_target_before_it_is_evaluated() -> None:
     p = points(3, 2)
     with pytest.raises(ValueError, match=r"must know f and the target.*velocity.attach"):
         Nise(2)(p, field_of(2).jet(p))
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_lipschitz_network_never_rises_faster_than_its_bound(dim: int) -> None:
-    network = LipschitzMlp(dim + 1, 16, 3).double()
-    with torch.no_grad():
-        network.raw_bounds.sub_(0.7)  # so that rows are scaled down
-    p, q = points(4000, dim), points(4000, dim)
-    rise = (network(p) - network(q)).abs() / (p - q).abs().amax(1)
-    slope = network.jet(p).gradient.abs().sum(1)  # the dual norm of the gradient is the local Lipschitz constant
-    assert rise.max() <= network.bound
-    assert slope.max() <= network.bound
-    assert slope.max() > 1e-3 * network.bound
-
-
-def test_the_bounds_of_a_lipschitz_network_start_as_the_norms_of_its_weights() -> None:
-    network = LipschitzMlp(4, 16, 3).double()
-    norms = torch.stack([weight.abs().sum(1).max() for weight in network.weights])
-    torch.testing.assert_close(torch.nn.functional.softplus(network.raw_bounds), norms)
-    torch.testing.assert_close(list(network.layers[::2]), list(network.weights))
-
-
-def test_a_lipschitz_network_has_the_gradient_of_its_value_and_trains_every_weight() -> None:
-    network, p = LipschitzMlp(4, 16, 3).double(), points(9, 3).requires_grad_()
-    gradient = network.jet(p).gradient
-    torch.testing.assert_close(gradient, torch.autograd.grad(network(p).sum(), p)[0])
-    with torch.no_grad():
-        network.raw_bounds.sub_(0.7)
-    jet = network.jet(p)
-    (jet.value.square().sum() + jet.gradient.square().sum() + network.bound).backward()
-    assert all(parameter.grad is not None and parameter.grad.abs().sum() > 0 for parameter in network.parameters())
-
-
-def test_own_init_leaves_the_weights_alone() -> None:
-    network = LipschitzMlp(4, 16, 3)
-    before = {name: value.clone() for name, value in network.state_dict().items()}
-    OwnInit()(network, None)
-    torch.testing.assert_close(network.state_dict(), before, rtol=0, atol=0)
-
-
-def test_source_init_is_the_source_at_every_time() -> None:
-    field, source = ScalarSiren(4, 16, 3, omega=16.0), ScalarSiren(3, 16, 3, omega=32.0)
-    SourceInit()(field, source)
-    x = torch.rand(20, 3) * 2 - 1
-    for t in (0.0, 0.3, 1.0):
-        p = torch.cat([x, torch.full((20, 1), t)], 1)
-        torch.testing.assert_close(field(p), source(x), rtol=1e-5, atol=1e-6)
-        assert (field.jet(p).gradient[:, 3] == 0).all()
-
-
-def test_official_init_is_the_source_read_at_a_lower_frequency() -> None:
-    field, source = ScalarSiren(4, 16, 3, omega=30.0).double(), ScalarSiren(3, 16, 3, omega=60.0).double()
-    OfficialInit(0.25)(field, source)
-    slow = ScalarSiren(3, 16, 3, omega=15.0).double()
-    slow.load_state_dict(source.state_dict())
-    x = torch.rand(20, 3, dtype=torch.float64)
-    torch.testing.assert_close(field(torch.cat([x, x[:, :1]], 1)), slow(x))
-
-
-def test_siren_init_needs_no_source_and_changes_the_weights() -> None:
-    field = ScalarSiren(4, 16, 3)
-    before = field.linears[0].weight.clone()
-    SirenInit()(field, None)
-    assert not SirenInit.needs_source
-    assert not torch.equal(field.linears[0].weight, before)
-
-
-@pytest.mark.parametrize("init", [SourceInit(), OfficialInit()])
-@pytest.mark.parametrize("source", [None, ScalarSiren(3, 8, 3), ScalarSiren(3, 16, 2)])
-def test_f_starts_only_from_a_network_of_its_own_size(init: SourceInit, source: ScalarSiren | None) -> None:
-    with pytest.raises(ValueError, match="same width and depth"):
-        init(ScalarSiren(4, 16, 3), source)
-
-
-@pytest.mark.parametrize("name", INITS)
-def test_every_init_of_the_configuration_starts_f(name: str) -> None:
-    init = instantiate(composed(f"init={name}").init)
-    field = ScalarSiren(3, 8, 2)
-    init(field, ScalarSiren(2, 8, 2) if init.needs_source else None)
-    assert all(p.isfinite().all() for p in field.parameters())
 
 
 @pytest.mark.parametrize("dim", [2, 3])
