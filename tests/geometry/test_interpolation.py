@@ -117,4 +117,4 @@ def test_flow_maps_are_made_once_for_a_time_and_few_are_kept():
     for t in torch.linspace(0, 1, 40).tolist():
         maps.at(t)
     assert len(calls) == 3
-    assert len(maps._kept) == 32
+    assert len(maps._cache) == 32

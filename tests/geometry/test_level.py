@@ -86,7 +86,7 @@ def test_a_level_is_found_once():
     motion = translating_ball(2)
     levels = ExactVolume(motion, 16)
     levels.morph = lambda x, t: asked.append(t) or motion(x, t)
-    levels.morph.bounds = motion.bounds
+    levels.morph.bounds, levels.morph.wanted_volume = motion.bounds, motion.wanted_volume
     first, count = levels(0.5), len(asked)
     assert (levels(0.5), len(asked)) == (first, count)
     assert zero_level(0.5) == 0
