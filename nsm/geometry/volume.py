@@ -14,8 +14,8 @@ from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.topology import enclosed_volume, simplex_normals
 from nsm.types import SignedDistance, SimplexMesh
 
-#: Default number of cells along the longest edge of a box for the volume of a shape or a morph, by dimension.
-DEFAULT_RESOLUTION = {2: 512, 3: 128}
+#: Default number of cells along the longest edge of a box for the volume of a morph.
+VOLUME_RESOLUTION = 96
 #: Smallest component of a gradient relative to its largest, which keeps `cell_fraction` away from 0/0. Such a tilt does
 #: not change volume: a plane that rotates about the center of a cell gains on one side what it loses on the other.
 _MIN_TILT = 1e-4
@@ -23,7 +23,7 @@ _MIN_TILT = 1e-4
 _SLOPE_SAMPLES, _SLOPE_OFFSET = 128, 0.5
 
 
-def volume(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int = 96) -> float:
+def volume(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int = VOLUME_RESOLUTION) -> float:
     """Compute the volume of {f < 0} in a box (area in 2D).
 
     Every cell cut by the surface contributes the exact fraction on the inner side of a plane,
@@ -119,7 +119,9 @@ def volume_in_surface(mesh: SimplexMesh, field: SignedDistance) -> float:
     return enclosed_volume(exact) - float((sizes.double() * missed).sum())
 
 
-def volume_with_error(field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int = 96) -> tuple[float, float]:
+def volume_with_error(
+    field: SignedDistance, bounds: Float[Tensor, "2 d"], resolution: int = VOLUME_RESOLUTION
+) -> tuple[float, float]:
     """Compute the volume of {f < 0} in a box, and estimate its error from a grid with cells twice as large.
 
     With the volumes V_h and V_2h on cells of size h and 2h (`volume`), Richardson's estimate for second order is

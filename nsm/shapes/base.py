@@ -16,13 +16,15 @@ from nsm.cli.errors import InputError
 from nsm.geometry.grid import evaluate
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.projection import newton_to_level
-from nsm.geometry.volume import DEFAULT_RESOLUTION, volume
+from nsm.geometry.volume import volume
 from nsm.shapes.sampling import ambient_points, sample_mesh_surface
 from nsm.shapes.similarity import Similarity
 from nsm.types import DistanceSamples, Jet, SimplexMesh, SurfaceSamples
 
 #: Number of cells along the longest side of the grid on which the surface of a field is extracted, by dimension.
 SURFACE_RESOLUTION = {2: 512, 3: 128}
+#: Number of cells along the longest side of the grid on which the volume of a shape is measured, by dimension.
+VOLUME_RESOLUTION = {2: 512, 3: 128}
 
 Field = TypeVar("Field", bound="FieldShape")
 
@@ -179,7 +181,7 @@ class FieldShape(nn.Module, Shape):
 
     def volume(self) -> float:
         """Compute the volume of the inside from fractions of cells on a grid over the local box."""
-        local = volume(self._local_field, self.local_box(), self._resolution(DEFAULT_RESOLUTION))
+        local = volume(self._local_field, self.local_box(), self._resolution(VOLUME_RESOLUTION))
         return self.placement.scale**self.dim * local
 
     @torch.no_grad()

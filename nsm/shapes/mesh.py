@@ -14,8 +14,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from nsm.geometry.triangles import Triangles
-from nsm.geometry.volume import DEFAULT_RESOLUTION, volume
-from nsm.shapes.base import FieldShape
+from nsm.geometry.volume import volume
+from nsm.shapes.base import VOLUME_RESOLUTION, FieldShape
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.mesh_reading import merge_vertices, openness, orient_outward, read_mesh, signed_volume
 from nsm.shapes.placing import FilePlacement, centered
@@ -103,7 +103,7 @@ class MeshShape(FieldShape):
         if self.closed:
             local = signed_volume(self.vertices.cpu().numpy(), self.faces.cpu().numpy())
         else:
-            local = volume(self._local_field, self.local_box(), DEFAULT_RESOLUTION[3])
+            local = volume(self._local_field, self.local_box(), VOLUME_RESOLUTION[3])
         return self.placement.scale**3 * local
 
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
