@@ -1,4 +1,4 @@
-"""Shapes from oriented point clouds."""
+"""Shapes from point clouds."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ import json
 import logging
 from collections.abc import Sequence
 from copy import copy
-from pathlib import Path
 from typing import Any
 
 import igl
 import numpy as np
 import torch
-import trimesh
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 from torch import Tensor
@@ -23,7 +21,9 @@ from nsm.geometry.volume import volume
 from nsm.shapes.base import Shape, working_box
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.mesh_reading import LEAST_WINDING
+from nsm.shapes.orientation import PLANE_NEIGHBORS, estimate_normals, find_rims
 from nsm.shapes.placing import FilePlacement, centered
+from nsm.shapes.point_files import PointColumns, as_columns, read_points
 from nsm.shapes.primitive import Pose
 from nsm.shapes.sampling import ambient_points
 from nsm.shapes.similarity import Similarity
@@ -31,8 +31,6 @@ from nsm.types import DistanceSamples, SurfaceSamples
 
 log = logging.getLogger(__name__)
 
-#: Endings of files that can be read: ply with nx, ny, nz; text with six columns.
-FORMATS = (".ply", ".xyz")
 #: Neighbours that the area of a point is estimated from.
 NEIGHBOURS = 12
 #: Within so many radii of its disc the nearest point tells the side; beyond, the winding number does.
@@ -44,7 +42,9 @@ LEAST_JUMP = 0.3
 
 
 class PointCloud(Shape):
-    """Points with outward normals: every point stands for a disc of the surface.
+    """Points on a surface: every point stands for a disc of it, across its normal.
+
+    Normals that the file lacks are estimated, oriented, and judged in the log (`nsm.shapes.orientation`).
 
     The area of a disc is that which its nearest neighbours leave it. A distance is that to the disc of the
     nearest point p with normal n and radius ρ: with h = ⟨x − p, n⟩ and ℓ² = |x − p|² − h², it is
@@ -52,13 +52,13 @@ class PointCloud(Shape):
     there and that of the winding number of the discs (Barill et al., SIGGRAPH 2018) farther out.
 
     Args:
-        path: a ply file with normals, an xyz file of six columns, or a public name.
+        path: a ply, xyz, txt, npy, las, or laz file, or a public name; normals are nx, ny, nz or columns 4 to 6.
         fit: half of the longest side after fitting; None keeps the coordinates of the file.
         pose: rotation, translation and scale given to the points after that.
         up: the direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
 
     Raises:
-        InputError: if there are no normals, or they enclose nothing.
+        InputError: if the file cannot be read, or the normals enclose nothing.
     """
 
     dim = 3
@@ -66,11 +66,32 @@ class PointCloud(Shape):
     def __init__(
         self, path: str, fit: float | None = 0.8, pose: Pose = None, up: Sequence[float] | None = None
     ) -> None:
-        place, self.path, file = FilePlacement(fit, pose, up), str(path), resolve(path)
-        raw, normals = clean_points(*read_points(file), self.path)
+        place, file = FilePlacement(fit, pose, up), resolve(path)
+        self._build(read_points(file), place, str(path), file_sha256(file))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        points: np.ndarray,
+        normals: np.ndarray | None = None,
+        fit: float | None = 0.8,
+        pose: Pose = None,
+        up: Sequence[float] | None = None,
+    ) -> PointCloud:
+        """Make a cloud of points (n, 3) and, if they are known, normals (n, 3), in place of those of a file."""
+        rows = np.ascontiguousarray(points if normals is None else np.concatenate([points, normals], 1))
+        cloud = cls.__new__(cls)
+        columns = as_columns(rows, "The array of points")
+        cloud._build(columns, FilePlacement(fit, pose, up), "points in memory", hashlib.sha256(rows).hexdigest())
+        return cloud
+
+    def _build(self, columns: PointColumns, place: FilePlacement, name: str, sha256: str) -> None:
+        self.path, self._sha256, self._estimated = name, sha256, columns.normals is None
+        raw, given = clean_points(*columns, self.path)
         points, center = centered(torch.from_numpy(raw))
+        orientation = estimate_normals(points.numpy()) if given is None else None
+        normals = given if orientation is None else orientation.normals
         placement = place.of_centered(points, center)
-        self._sha256 = file_sha256(file)
         self._similarity = placement.after(Similarity.shift(-center))
         self._points = placement.apply(points).numpy()
         self._normals = placement.turn(torch.from_numpy(normals)).numpy()
@@ -78,7 +99,20 @@ class PointCloud(Shape):
         self._areas = point_areas(self._tree)
         self._radii = np.sqrt(self._areas / np.pi)
         self._expansion: tuple[Any, ...] | None = None
-        self._orient()
+        steady = self._orient()
+        if orientation is not None:
+            log.info(
+                "%s has no normals: they are estimated from %d neighbors each and turned alike along a spanning tree "
+                "(%d pieces); %.1f %% of the neighbors agree, and the winding number confirms the side of %.1f %%",
+                *(name, PLANE_NEIGHBORS, orientation.pieces, 100 * orientation.agreement, 100 * steady),
+            )
+        rims = find_rims(self._points, self._normals)
+        if rims.holes:
+            log.warning(
+                "%s is a partial cloud: %d of its %d points lie at the rims of about %d holes, which the network that "
+                "is fitted to it closes",
+                *(name, rims.points, len(self._points), rims.holes),
+            )
 
     def transformed(self, similarity: Similarity) -> PointCloud:
         """The cloud moved by a similarity, on top of what it has."""
@@ -132,8 +166,13 @@ class PointCloud(Shape):
 
     def provenance(self) -> dict[str, Any]:
         """File, hash and the similarity from its coordinates to the box."""
-        similarity = self._similarity.to_config()
-        return {"kind": "point cloud", "path": self.path, "sha256": self._sha256, "similarity": similarity}
+        return {
+            "kind": "point cloud",
+            "path": self.path,
+            "sha256": self._sha256,
+            "normals": "estimated" if self._estimated else "given",
+            "similarity": self._similarity.to_config(),
+        }
 
     def content_key(self) -> str:
         """SHA-256 of the content of the file and its way to the box, whatever the name of the file."""
@@ -149,7 +188,7 @@ class PointCloud(Shape):
             self._expansion = (*cloud, *igl.fast_winding_number_precompute(*cloud))
         return igl.fast_winding_number(*self._expansion, queries)
 
-    def _orient(self, count: int = 4000) -> None:
+    def _orient(self, count: int = 4000) -> float:
         """Bring the areas to scale and the normals outwards, by the winding number on both sides of the points.
 
         It falls by 1 across the discs whatever way they are turned; its mean below them is 1 if they point outwards, 0
@@ -177,61 +216,31 @@ class PointCloud(Shape):
                 "%.0f %% of the normals of %s contradict the others: distances there may have the wrong sign",
                 *(100 * (1 - steady), self.path),
             )
+        return steady
 
 
-def read_points(file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Points and normals (n, 3) of a file, as they stand there.
-
-    Raises:
-        InputError: if the ending is unknown, the content is damaged, or there are no normals.
-    """
-    if file.suffix.lower() not in FORMATS:
-        raise InputError(
-            f"{file} ends in '{file.suffix}': give points with normals in a file that ends in .ply or .xyz."
-        )
-    if file.stat().st_size == 0:
-        raise InputError(f"{file} is empty: give a file with points and normals in it.")
-    try:
-        rows = _ply_rows(file) if file.suffix.lower() == ".ply" else np.loadtxt(file, ndmin=2, dtype=np.float64)
-    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
-        raise InputError(
-            f"{file} cannot be read as a point cloud ({type(error).__name__}: {str(error)[:80]}): it may be cut short "
-            "or of another format, so export it again."
-        ) from error
-    if rows.shape[1] < 6:
-        raise InputError(
-            f"{file} has no normals: give a cloud with nx, ny and nz for every point (a mesh goes by shape=mesh)."
-        )
-    return rows[:, :3], rows[:, 3:6]
-
-
-def _ply_rows(file: Path) -> np.ndarray:
-    """Columns x, y, z, nx, ny, nz of the vertices, or x, y, z alone."""
-    cloud = trimesh.load(file, process=False)
-    data = cloud.metadata["_ply_raw"]["vertex"]["data"]
-    names = data.dtype.names if isinstance(data, np.ndarray) else list(data)
-    columns = [c for c in ("x", "y", "z", "nx", "ny", "nz") if c in names]
-    return np.stack([np.asarray(data[c], dtype=np.float64).reshape(-1) for c in columns], 1)
-
-
-def clean_points(points: np.ndarray, normals: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct points with unit normals; those without a normal are dropped.
+def clean_points(points: np.ndarray, normals: np.ndarray | None, name: str) -> tuple[np.ndarray, np.ndarray | None]:
+    """Distinct points, with unit normals if there are normals; points whose normal is zero are dropped.
 
     Raises:
         InputError: for too few points, numbers that are not finite, or a flat cloud.
     """
-    if bad := int((~np.isfinite(np.concatenate([points, normals], 1))).any(1).sum()):
+    rows = points if normals is None else np.concatenate([points, normals], 1)
+    if bad := int((~np.isfinite(rows)).any(1).sum()):
         raise InputError(f"{name} has {bad} points or normals that are not finite numbers: repair or export it again.")
-    length = np.linalg.norm(normals, axis=1)
-    if lost := int((length < 1e-6).sum()):
-        log.warning("%d of %d points of %s have no normal and are left out", lost, len(points), name)
-    points, normals = points[length >= 1e-6], normals[length >= 1e-6] / length[length >= 1e-6, None]
+    if normals is not None:
+        length = np.linalg.norm(normals, axis=1)
+        if lost := int((length < 1e-6).sum()):
+            log.warning("%d of %d points of %s have no normal and are left out", lost, len(points), name)
+        points, normals = points[length >= 1e-6], normals[length >= 1e-6] / length[length >= 1e-6, None]
     points, first = np.unique(points, axis=0, return_index=True)
     if len(points) < 4 * NEIGHBOURS:
+        with_normals = "" if normals is None else " with normals"
         raise InputError(
-            f"{name} has {len(points)} distinct points with normals: a shape needs {4 * NEIGHBOURS} or more."
+            f"{name} must have {4 * NEIGHBOURS} distinct points{with_normals} or more, got {len(points)}. Try a denser "
+            "cloud."
         )
-    return points, normals[first]
+    return points, None if normals is None else normals[first]
 
 
 def point_areas(tree: cKDTree) -> np.ndarray:
