@@ -21,18 +21,17 @@ class FilePlacement:
             coordinates of the file, for two scans in one common frame.
         pose: rotation, translation and scale given to the shape after that.
         up: the direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
+        dim: dimension of the shape, 2 or 3.
 
     Raises:
         InputError: if one of them cannot be read.
     """
 
-    dim = 3
-
-    def __init__(self, fit: float | None, pose: Pose, up: Sequence[float] | None) -> None:
+    def __init__(self, fit: float | None, pose: Pose, up: Sequence[float] | None, dim: int = 3) -> None:
         if fit is not None and not 0 < float(fit) <= 1:
             raise InputError(f"fit is {fit}: give a number in (0, 1], or null to keep the coordinates of the file.")
         self.fit = None if fit is None else float(fit)
-        self.pose, self.upright = Similarity.read(pose, self.dim), Similarity.upright(up, self.dim)
+        self.pose, self.upright = Similarity.read(pose, dim), Similarity.upright(up, dim)
 
     def of_centered(self, points: Float[Tensor, "v d"], center: Float[Tensor, " d"]) -> Similarity:
         """The similarity to the box from coordinates relative to the center of the shape.

@@ -81,8 +81,8 @@ class PointCloud(Shape):
         """Make a cloud of points (n, 3) and, if they are known, normals (n, 3), in place of those of a file."""
         rows = np.ascontiguousarray(points if normals is None else np.concatenate([points, normals], 1))
         cloud = cls.__new__(cls)
-        columns = as_columns(rows, "The array of points")
-        cloud._build(columns, FilePlacement(fit, pose, up), "points in memory", hashlib.sha256(rows).hexdigest())
+        columns, digest = as_columns(rows, "The array of points"), hashlib.sha256(rows.tobytes()).hexdigest()
+        cloud._build(columns, FilePlacement(fit, pose, up), "points in memory", digest)
         return cloud
 
     def _build(self, columns: PointColumns, place: FilePlacement, name: str, sha256: str) -> None:

@@ -41,7 +41,7 @@ def test_normals_of_a_sphere_are_its_points() -> None:
 
 def test_every_piece_of_a_cloud_is_turned_outwards() -> None:
     points = _sphere(1000)
-    found = estimate_normals(np.concatenate([points, points + [5, 0, -1]]))
+    found = estimate_normals(np.concatenate([points, points + np.array([5, 0, -1])]))
     assert found.pieces == 2
     assert (found.normals * np.concatenate([points, points])).sum(1).min() > 0.99
 
