@@ -1,31 +1,35 @@
-"""Optional dependencies, with one sentence that names the missing package and the extra that installs it."""
+"""Optional packages: what is said when one that a task needs is not installed."""
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
+from importlib.util import find_spec
 
 from nsm.cli.errors import InputError
 
 
-def require(module: str, purpose: str, extra: str, package: str | None = None) -> Any:
-    """Import an optional dependency.
+class MissingPackageError(InputError):
+    """A package of an extra is not installed."""
+
+
+def require(*packages: str, extra: str, task: str) -> None:
+    """Check that packages are installed before they are imported.
 
     Args:
-        module: Name to import, such as ``nibabel``.
-        purpose: What needs it, as the beginning of a sentence: ``Reading .nii``.
-        extra: Extra of nsm that installs it.
-        package: Name of the package where it differs from ``module``.
-
-    Returns:
-        The module.
+        packages: Names by which they are imported.
+        extra: Extra of ``pyproject.toml`` that installs them.
+        task: What needs them, as the subject of the sentence.
 
     Raises:
-        InputError: If it is not installed.
+        MissingPackageError: If one of them is not installed.
+
+    Example:
+        >>> require("json", extra="all", task="Reading settings")
+        >>> require("no_such_package", extra="all", task="Reading settings")  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        nsm.cli.extras.MissingPackageError: Reading settings needs `no_such_package`, which is not installed. Try ...
     """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise InputError(
-            f"{purpose} needs `{package or module}`, which is not installed. Try `pip install 'nsm[{extra}]'`."
-        ) from error
+    for package in packages:
+        if find_spec(package) is None:
+            raise MissingPackageError(
+                f"{task} needs `{package}`, which is not installed. Try `pip install 'nsm[{extra}]'`."
+            )

@@ -16,10 +16,10 @@ from typing import Any
 from torch import nn
 
 from nsm.cli.errors import InputError
-from nsm.shapes import MeshFile, SirenFile
+from nsm.shapes import LabelVolume, MeshFile, Silhouette, SirenFile
 
 #: Classes that read, or download, another file when they are made.
-_READERS = (MeshFile, SirenFile)
+_READERS = (LabelVolume, MeshFile, Silhouette, SirenFile)
 
 
 def build(node: Any, kind: type = nn.Module) -> Any:

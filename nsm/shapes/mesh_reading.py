@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import igl
 import numpy as np
@@ -15,12 +15,13 @@ from scipy.sparse.csgraph import connected_components
 
 from nsm.cli.errors import InputError
 from nsm.shapes.sampling import sample_mesh_surface, simplex_normals
+from nsm.shapes.surface_files import SURFACE_FORMATS, read_surface
 from nsm.types import SimplexMesh
 
 log = logging.getLogger(__name__)
 
 #: Endings of files that can be read.
-FORMATS = (".obj", ".ply", ".stl", ".off", ".glb")
+FORMATS = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", *SURFACE_FORMATS)
 #: Vertices closer than this part of the diagonal are one: those that a format splits at UV seams or normals.
 WELD = 1e-7
 #: Parts of the vertices of an obj file that belong to no face from which it passes for cut short: if its last line
@@ -53,7 +54,13 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
     if file.stat().st_size == 0:
         raise InputError(f"{file} is empty: give a mesh file with triangles in it.")
     try:
-        mesh = trimesh.load(file, force="mesh", process=False)
+        mesh: Any
+        if file.suffix.lower() in SURFACE_FORMATS:
+            mesh = read_surface(file)
+        else:
+            mesh = trimesh.load(file, force="mesh", process=False)
+    except InputError:
+        raise
     except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
         raise InputError(
             f"{file} cannot be read as a mesh ({type(error).__name__}: {str(error)[:80]}): it may be cut short or of "

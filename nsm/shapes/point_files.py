@@ -102,7 +102,10 @@ def _ply_rows(file: Path) -> np.ndarray:
 
 
 def _las_rows(file: Path) -> np.ndarray:
-    laspy = require("laspy", f"Reading {file.suffix.lower()}", "lidar")
+    needed = ("laspy", "lazrs") if file.suffix.lower() == ".laz" else ("laspy",)
+    require(*needed, extra="lidar", task=f"Reading {file.suffix.lower()}")
+    import laspy
+
     with laspy.open(file) as reader:
         content = reader.read()
     return np.stack([np.asarray(content.x), np.asarray(content.y), np.asarray(content.z)], 1)

@@ -23,7 +23,7 @@ from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.mesh_reading import LEAST_WINDING
 from nsm.shapes.orientation import PLANE_NEIGHBORS, estimate_normals, find_rims
 from nsm.shapes.placing import FilePlacement, centered
-from nsm.shapes.point_files import PointColumns, as_columns, read_points
+from nsm.shapes.point_files import read_points
 from nsm.shapes.primitive import Pose
 from nsm.shapes.sampling import ambient_points
 from nsm.shapes.similarity import Similarity
@@ -67,26 +67,8 @@ class PointCloud(Shape):
         self, path: str, fit: float | None = 0.8, pose: Pose = None, up: Sequence[float] | None = None
     ) -> None:
         place, file = FilePlacement(fit, pose, up), resolve(path)
-        self._build(read_points(file), place, str(path), file_sha256(file))
-
-    @classmethod
-    def from_arrays(
-        cls,
-        points: np.ndarray,
-        normals: np.ndarray | None = None,
-        fit: float | None = 0.8,
-        pose: Pose = None,
-        up: Sequence[float] | None = None,
-    ) -> PointCloud:
-        """Make a cloud of points (n, 3) and, if they are known, normals (n, 3), in place of those of a file."""
-        rows = np.ascontiguousarray(points if normals is None else np.concatenate([points, normals], 1))
-        cloud = cls.__new__(cls)
-        columns, digest = as_columns(rows, "The array of points"), hashlib.sha256(rows.tobytes()).hexdigest()
-        cloud._build(columns, FilePlacement(fit, pose, up), "points in memory", digest)
-        return cloud
-
-    def _build(self, columns: PointColumns, place: FilePlacement, name: str, sha256: str) -> None:
-        self.path, self._sha256, self._estimated = name, sha256, columns.normals is None
+        name, columns = str(path), read_points(file)
+        self.path, self._sha256, self._estimated = name, file_sha256(file), columns.normals is None
         raw, given = clean_points(*columns, self.path)
         points, center = centered(torch.from_numpy(raw))
         orientation = estimate_normals(points.numpy()) if given is None else None

@@ -34,8 +34,10 @@ def svg_outline(file: Path) -> list[np.ndarray]:
     Raises:
         InputError: If the file cannot be read, or holds no closed shape.
     """
-    svgelements = require("svgelements", "Reading .svg", "svg")
-    shapely = require("shapely", "Reading .svg", "svg")
+    require("svgelements", "shapely", extra="svg", task="Reading .svg")
+    import shapely
+    import svgelements
+
     try:
         drawing = svgelements.SVG.parse(str(file))
         shapes = [e for e in drawing.elements() if isinstance(e, svgelements.Shape) and _is_visible(e)]

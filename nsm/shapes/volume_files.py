@@ -93,17 +93,19 @@ def spaced(spacing: Sequence[float]) -> np.ndarray:
 
 
 def _nibabel_reader(suffix: str) -> Any:
-    nibabel = require("nibabel", f"Reading {suffix}", "medical")
+    require("nibabel", extra="medical", task=f"Reading {suffix}")
+    import nibabel
 
     def read(file: Path) -> tuple[np.ndarray, np.ndarray]:
-        image = nibabel.load(file)
+        image: Any = nibabel.load(file)
         return np.asanyarray(image.dataobj), image.affine
 
     return read
 
 
 def _nrrd_reader(suffix: str) -> Any:
-    nrrd = require("nrrd", f"Reading {suffix}", "medical", package="pynrrd")
+    require("nrrd", extra="medical", task=f"Reading {suffix}")
+    import nrrd
 
     def read(file: Path) -> tuple[np.ndarray, np.ndarray]:
         values, header = nrrd.read(str(file))
@@ -122,7 +124,8 @@ def _nrrd_reader(suffix: str) -> Any:
 
 
 def _tiff_reader(suffix: str) -> Any:
-    tifffile = require("tifffile", f"Reading {suffix}", "medical")
+    require("tifffile", extra="medical", task=f"Reading {suffix}")
+    import tifffile
 
     def read(file: Path) -> tuple[np.ndarray, np.ndarray]:
         with tifffile.TiffFile(file) as tiff:

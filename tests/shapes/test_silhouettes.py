@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 
 from nsm.cli.errors import InputError
-from nsm.io.checkpoint import build
+from nsm.io.build import build
 from nsm.shapes import Ball, Box, OutlineShape, Polygon, Silhouette, Similarity
 from nsm.shapes.base import FieldShape
 
