@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor
+from torch import Tensor, nn
+
+from nsm.cli.errors import InputError
 
 #: Anything that maps points (n, d) to signed distances (n,), negative inside.
 SignedDistance = Callable[[Tensor], Tensor]
@@ -56,6 +58,22 @@ class DistanceSamples(NamedTuple):
 
     points: Float[Tensor, "n d"]
     distances: Float[Tensor, " n"]
+
+
+class Networks(NamedTuple):
+    """The networks of a morph for programs that do not have nsm, in single precision on the CPU.
+
+    Attributes:
+        program: Module that maps points (n, d) and times (n,) to a tuple of f (n,), ∇f (n, d), and V (n, d) if the
+            morph has a velocity field.
+        description: Values that JSON can hold: dimension, box, layers, activations, ω, β, and the end shapes.
+        weights: Layers of the networks by name, with ω folded in; None where a part of the morph is a formula without
+            weights, such as a changing volume.
+    """
+
+    program: nn.Module
+    description: dict[str, Any]
+    weights: dict[str, Tensor] | None
 
 
 class Morph(ABC):
@@ -139,3 +157,14 @@ class Morph(ABC):
             The wanted volume in the units of ``initial``: by default ``initial`` itself, so that volume is preserved.
         """
         return initial
+
+    def networks(self) -> Networks:
+        """The networks of the morph, for export to other programs.
+
+        Raises:
+            InputError: If the morph is not made of networks.
+        """
+        raise InputError(
+            f"The morph must be made of networks to be exported as a program, got {type(self).__name__}. Try a morph "
+            "trained with `method=adadiv` and `ends=network`."
+        )

@@ -14,7 +14,7 @@ import torch
 
 from nsm.cli import entry
 from nsm.fields import Free, ScalarSiren, VectorSiren
-from nsm.io.checkpoint import describe
+from nsm.io.checkpoint import describe, save_morph
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball, FieldShape
 
@@ -85,10 +85,7 @@ def save(morph: NeuralMorph, file: Path, **entry_values: Any) -> Path:
         "source": morph.source.config(),
         "target": morph.target.config(),
     }
-    provenance = {"source": morph.source.provenance(), "target": morph.target.provenance()}
-    state = {f"morph.{name}": value for name, value in morph.state_dict().items()}
-    file.parent.mkdir(parents=True, exist_ok=True)
-    torch.save({"nsm": describe(model, {}, provenance) | entry_values, "state_dict": state}, file)
+    save_morph(file, morph, describe(model, {}, morph.provenance) | entry_values)
     return file
 
 
@@ -108,12 +105,12 @@ def unreadable(folder: Path) -> dict[str, tuple[Path, str]]:
     save(shrinking(2, 0.1), folder / "format.ckpt", format=99)
     (folder / "empty_run").mkdir()
     return {
-        "missing": (folder / "nowhere.ckpt", "there is no checkpoint"),
-        "cut": (folder / "cut.ckpt", "cannot be read as a checkpoint"),
-        "text": (folder / "text.ckpt", "cannot be read as a checkpoint"),
-        "not ours": (folder / "other.ckpt", "is not a checkpoint of nsm"),
-        "format": (folder / "format.ckpt", "has checkpoint format 99"),
-        "no run": (folder / "empty_run", "holds no checkpoints/best.ckpt"),
+        "missing": (folder / "nowhere.ckpt", "must be an existing file or folder"),
+        "cut": (folder / "cut.ckpt", "cut.ckpt must be a complete checkpoint"),
+        "text": (folder / "text.ckpt", "text.ckpt must be a complete checkpoint"),
+        "not ours": (folder / "other.ckpt", "other.ckpt must be a checkpoint of nsm"),
+        "format": (folder / "format.ckpt", "got format 99"),
+        "no run": (folder / "empty_run", "which has no checkpoints/best.ckpt"),
     }
 
 

@@ -1,180 +1,210 @@
-"""Checkpoints that describe themselves, and their safe loading.
+"""Self-describing checkpoints: the only writer and reader of their format.
 
-A checkpoint is Lightning's, plus an entry ``nsm`` of plain values:
+A checkpoint is a dictionary as Lightning writes it, with the weights under ``state_dict`` and, under ``nsm``, an entry
+of plain values:
 
-    format      int, raised whenever old files can no longer be read
-    version     of nsm that wrote it
-    model       how to build the networks: nested ``_target_`` configs, ω and end shapes included
-    config      the resolved configuration of the run
-    provenance  where the end shapes come from, and the scales that made their volumes equal
+    format      Version of this format, an integer that is raised whenever old files can no longer be read.
+    version     Version of nsm that wrote the file.
+    model       Nested ``_target_`` configs of the networks, including ω and the end shapes.
+    config      The resolved configuration of the run.
+    provenance  Where the end shapes come from, with the factors that made their volumes equal.
 
-Loading needs nothing but the file. It is read by ``torch.load(weights_only=True)``, so no object in it can run
-code, and a ``_target_`` may only name a network, field or shape class of this package.
+Loading needs nothing but the file. It is read with ``torch.load(weights_only=True)``, so that no object in it can run
+code, and `nsm.io.build` accepts classes of this package only.
 """
 
 from __future__ import annotations
 
-import importlib
-import inspect
 import os
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 import nsm
 from nsm.cli.errors import InputError
-from nsm.shapes import MeshFile, Similarity, SirenFile, SirenShape
+from nsm.cli.files import whole_file
+from nsm.io.build import build
+from nsm.shapes import Similarity, SirenShape
 from nsm.shapes.similarity import Pose
 from nsm.types import Morph
 
 FORMAT = 1
+#: Key of the entry in the dictionary of a checkpoint.
+ENTRY = "nsm"
+#: Prefix of a morph's weights, after the attribute of the training task that holds it. Those of a shape have none.
+_MORPH_PREFIX = "morph."
 
 
-def describe(model: Mapping[str, Any], config: Mapping[str, Any], provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """The entry that a checkpoint carries under ``nsm``; all arguments are plain nested values."""
+def describe(
+    model: Mapping[str, Any], config: Mapping[str, Any] | None = None, provenance: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Make the entry that a checkpoint holds under `ENTRY`.
+
+    Args:
+        model: Nested ``_target_`` configs of plain values, from which `nsm.io.build.build` makes the networks.
+        config: Resolved configuration of the run.
+        provenance: Where the end shapes come from (`nsm.types.Morph`).
+    """
     return {
         "format": FORMAT,
         "version": nsm.__version__,
         "model": dict(model),
-        "config": dict(config),
-        "provenance": dict(provenance),
+        "config": dict(config or {}),
+        "provenance": dict(provenance or {}),
     }
 
 
-def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu") -> Morph:
-    """Load a morph for inference, of whatever method.
+def write_checkpoint(path: Path, entry: Mapping[str, Any], state_dict: Mapping[str, Tensor]) -> None:
+    """Write a checkpoint that nothing but loading needs, without the state of an optimizer.
 
     Args:
-        path: a checkpoint, or the folder of a run (its ``checkpoints/best.ckpt`` is taken then).
-        device: where to put it.
-
-    Returns:
-        The morph, with frozen weights, ready to be called as ``morph(x, t)``.
+        path: File to write.
+        entry: What `describe` returns.
+        state_dict: Weights by name.
 
     Raises:
-        InputError: if there is no such file, or it is cut, of another format, or not a checkpoint of a morph.
+        InputError: If the file cannot be written.
+    """
+    with whole_file(path) as temporary:
+        torch.save({ENTRY: dict(entry), "state_dict": dict(state_dict)}, temporary)
+
+
+def save_morph(path: Path, morph: nn.Module, entry: Mapping[str, Any]) -> None:
+    """Write a checkpoint that `load_morph` reads.
+
+    Args:
+        path: File to write.
+        morph: Module whose weights are saved.
+        entry: Its description, see `describe`.
+    """
+    write_checkpoint(path, entry, {f"{_MORPH_PREFIX}{name}": value for name, value in morph.state_dict().items()})
+
+
+def save_shape(path: Path, shape: SirenShape) -> None:
+    """Write a checkpoint that `load_shape` reads."""
+    write_checkpoint(path, describe(shape.config()), shape.state_dict())
+
+
+def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu") -> Morph:
+    """Load a morph for inference.
+
+    Args:
+        path: Checkpoint, or folder of a run, whose ``checkpoints/best.ckpt`` is read.
+        device: Device on which the morph is evaluated.
+
+    Returns:
+        The morph of any method, with frozen weights, to be called as ``morph(x, t)``.
+
+    Raises:
+        InputError: If there is no such file, or it is incomplete, of another format, or not a checkpoint of a morph.
     """
     file = find_checkpoint(path)
     content = read_checkpoint(file)
-    morph = _load(
-        content, file, "morph.", Morph, "a still shape, not a morph: give the checkpoint of a run with task=morph"
-    )
-    morph.provenance = content["nsm"].get("provenance", {})
+    morph = _restore(file, content, Morph, _MORPH_PREFIX, "morph")
+    morph.provenance = content[ENTRY].get("provenance", {})
     return morph.to(device).eval().requires_grad_(False)
 
 
 def load_shape(path: str | os.PathLike[str], pose: Pose = None) -> SirenShape:
-    """Load the network of a shape, fitted by a run with task=sdf, as a shape.
+    """Load the network of a shape that a run with ``task=sdf`` fitted.
 
     Args:
-        path: its checkpoint, or the folder of the run.
-        pose: rotation, translation and scale given to the shape.
+        path: Checkpoint, or folder of the run.
+        pose: Rotation, translation, and scale applied to the shape.
 
     Raises:
-        InputError: as `load_morph` does.
+        InputError: If there is no such file, or it is incomplete, of another format, or not a checkpoint of a shape.
     """
     file = find_checkpoint(path)
-    shape = _load(
-        read_checkpoint(file),
-        file,
-        "",
-        SirenShape,
-        "a morph, not a single shape: give the checkpoint of a run with task=sdf",
-    )
+    shape = _restore(file, read_checkpoint(file), SirenShape, "", "sdf")
     return shape.transformed(Similarity.read(pose, shape.dim))
 
 
-def _load(content: Mapping[str, Any], file: Path, prefix: str, kind: type, other: str) -> Any:
-    """Build the model that a checkpoint describes, and give it the weights stored under ``prefix``."""
-    try:
-        model = build(content["nsm"]["model"])
-        fitting = isinstance(model, kind)
-        if not fitting:
-            raise InputError(f"{file} holds {other}")
-        weights = content["state_dict"]
-        model.load_state_dict({k.removeprefix(prefix): v for k, v in weights.items() if k.startswith(prefix)})
-    except InputError:
-        raise
-    except (KeyError, TypeError, AttributeError, ValueError, RuntimeError) as error:
-        raise InputError(
-            f"{file} is damaged: its weights do not fit the model it describes ({_first_line(error)})"
-        ) from error
-    return model
-
-
 def find_checkpoint(path: str | os.PathLike[str]) -> Path:
-    """The checkpoint file that a path means: itself, or the best one (else the last) of a run's folder."""
+    """Find the file of a checkpoint.
+
+    Args:
+        path: Checkpoint, or folder of a run.
+
+    Returns:
+        The checkpoint itself, or the best one of the run, or its last one if there is no best one.
+
+    Raises:
+        InputError: If there is no such file.
+    """
     path = Path(path)
     if path.is_dir():
         found = [f for name in ("best", "last") if (f := path / "checkpoints" / f"{name}.ckpt").is_file()]
         if not found:
             raise InputError(
-                f"{path} holds no checkpoints/best.ckpt: give a checkpoint, or the folder of a finished run"
+                f"`checkpoint` must be a checkpoint or the folder of a run, got {path}, which has no "
+                "checkpoints/best.ckpt. Try the folder of a finished run."
             )
         return found[0]
     if not path.is_file():
-        raise InputError(f"there is no checkpoint {path}: give the path of a .ckpt file or of a run's folder")
+        raise InputError(
+            f"`checkpoint` must be an existing file or folder, got {path}. Try the folder of a run, such as "
+            "`checkpoint=outputs/demo`."
+        )
     return path
 
 
 def read_checkpoint(file: Path) -> dict[str, Any]:
-    """The content of a checkpoint of this package, nothing in it executed."""
+    """Read the content of a checkpoint without executing anything in it.
+
+    Raises:
+        InputError: If the file is incomplete, not a checkpoint of nsm, or of another format.
+    """
     try:
         content = torch.load(file, map_location="cpu", weights_only=True)
-    except Exception as error:  # every kind of broken file fails in its own way inside torch and pickle
+    except Exception as error:  # torch and pickle raise many types of exceptions for broken files
         raise InputError(
-            f"{file} cannot be read as a checkpoint: it is cut, or not one, or holds more than weights "
-            f"({_first_line(error)}); give a .ckpt file written by nsm"
+            f"{file} must be a complete checkpoint of weights and plain values, got a file that cannot be read "
+            f"({_first_line(error)}). Try a .ckpt file that nsm wrote."
         ) from error
-    entry = content.get("nsm") if isinstance(content, dict) else None
+    entry = content.get(ENTRY) if isinstance(content, dict) else None
     if not isinstance(entry, dict) or "state_dict" not in content:
         raise InputError(
-            f"{file} is not a checkpoint of nsm: give a .ckpt file that a run wrote (official=… reads the authors')"
+            f"{file} must be a checkpoint of nsm, got another file of torch. Try a .ckpt file that a run wrote, or "
+            "`official=` for the authors' morphs."
         )
     if entry.get("format") != FORMAT:
         raise InputError(
-            f"{file} has checkpoint format {entry.get('format')} (written by nsm {entry.get('version')}), but this is "
-            f"nsm {nsm.__version__}, which reads format {FORMAT}: load it with the version that wrote it, or train "
-            "again"
+            f"{file} must have checkpoint format {FORMAT} for nsm {nsm.__version__}, got format "
+            f"{entry.get('format')}. Try nsm {entry.get('version')}, which wrote it, or train again."
         )
     return content
 
 
-def build(node: Any) -> Any:
-    """Instantiate nested ``_target_`` configs, of module classes of this package alone.
+def _restore(file: Path, content: Mapping[str, Any], kind: type[Any], prefix: str, task: str) -> Any:
+    """Build the model that a checkpoint describes, and load the weights stored under a prefix.
 
-    Raises:
-        InputError: if a target is anything else.
+    Args:
+        file: The checkpoint.
+        content: What it holds.
+        kind: Class of which the model must be.
+        prefix: Beginning of the names of its weights.
+        task: Task whose runs write such checkpoints.
     """
-    if isinstance(node, Mapping):
-        arguments = {key: build(value) for key, value in node.items() if key not in ("_target_", "_partial_")}
-        if "_target_" not in node:
-            return arguments
-        made = _module_class(node["_target_"])
-        return partial(made, **arguments) if node.get("_partial_") else made(**arguments)
-    if isinstance(node, list):
-        return [build(value) for value in node]
-    return node
-
-
-def _module_class(target: Any) -> type[nn.Module]:
-    module, _, name = str(target).rpartition(".")
-    found: Any = None
-    if module == "nsm" or module.startswith("nsm."):
-        try:
-            found = getattr(importlib.import_module(module), name, None)
-        except ImportError:
-            found = None
-    ours = inspect.isclass(found) and issubclass(found, nn.Module) and found.__module__.startswith("nsm.")
-    if not ours or issubclass(found, (MeshFile, SirenFile)):  # which would read, or download, another file
+    try:
+        model: Any = build(content[ENTRY]["model"])
+        if not isinstance(model, kind):
+            raise InputError(
+                f"it must be the checkpoint of a run with `task={task}`, got a {type(model).__name__}. Try another run."
+            )
+        weights = content["state_dict"]
+        model.load_state_dict({k.removeprefix(prefix): v for k, v in weights.items() if k.startswith(prefix)})
+    except InputError as error:
+        raise InputError(f"{file} cannot be loaded: {error}") from error
+    except (KeyError, TypeError, AttributeError, ValueError, RuntimeError) as error:
         raise InputError(
-            f"a checkpoint names {target!r}, which is no network, field or shape of nsm: do not trust this file"
-        )
-    return found
+            f"{file} must hold weights that fit its model, got others ({_first_line(error)}). Try another checkpoint "
+            "of the run."
+        ) from error
+    return model
 
 
 def _first_line(error: BaseException) -> str:

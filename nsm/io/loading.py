@@ -1,4 +1,4 @@
-"""What a command is asked to look at: trained morphs, ours from checkpoints and the authors' by name."""
+"""Loading of the morphs that a command is given: checkpoints by path, and the authors' morphs by name."""
 
 from __future__ import annotations
 
@@ -9,32 +9,34 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from nsm.cli.errors import InputError
+from nsm.cli.settings import choice
+from nsm.io.build import build
 from nsm.io.checkpoint import find_checkpoint, load_morph
 from nsm.io.official import load_official, official_name
 from nsm.morphs.exact_ends import ExactEnds
-from nsm.morphs.growth import Grown, build_growth
+from nsm.morphs.growth import Grown, Growth
 from nsm.types import Morph
 
 log = logging.getLogger(__name__)
 
-#: What ``checkpoint`` and ``official`` may be: nothing, one, or a list.
+#: Type of the settings ``checkpoint`` and ``official``: nothing, one name, or a list.
 Names = str | Sequence[str] | None
 #: Beginning of the origin of an official morph, before its name.
 PUBLISHED = "official/morphs/"
-#: What ``ends`` may be.
+#: Valid values of the setting ``ends``.
 ENDS = ("exact", "network")
 
 
 class LoadedMorph(NamedTuple):
-    """A morph, with what people call it.
+    """A morph with its name and origin.
 
     Attributes:
-        name: short, and different from the others'.
-        origin: the checkpoint's path, or ``official/morphs/…``.
-        morph: ready for inference, with the ends and the changing volume that were asked for.
-        folder: of the run, None for an official morph.
-        exact: the morph at constant volume if its ends are exact, else None.
-        network: the morph of the networks alone, with the changing volume; None where that is ``morph``.
+        name: Short name, unique among the morphs that were loaded together.
+        origin: Path of the checkpoint, or ``official/morphs/…``.
+        morph: The morph, ready for inference, with the requested ends and growth.
+        folder: Folder of the run, None for an official morph.
+        exact: The morph with exact ends before it grows; None if its ends are those of the networks.
+        network: The morph of the networks alone, with the same growth; None if that is ``morph`` itself.
     """
 
     name: str
@@ -46,25 +48,24 @@ class LoadedMorph(NamedTuple):
 
 
 def load_morphs(config: Mapping[str, Any], command: str) -> list[LoadedMorph]:
-    """Load all morphs that are named, each once, checkpoints first.
+    """Load all named morphs, checkpoints first, each of them once.
 
     Args:
-        config: ``checkpoint``, checkpoints or folders of runs; ``official``, names of published morphs; ``growth``,
-            how their volume changes (`nsm.morphs.growth.build_growth`), relative to what each has. The volumes that a
-            growth takes by itself are those of the two shapes before they were scaled to one, which a checkpoint tells;
-            ``ends``, whether those of a checkpoint's morph are the shapes themselves or the networks'. Published morphs
-            are as their authors made them.
-        command: for the sentence when nothing is named.
+        config: Settings of the command. ``checkpoint`` names checkpoints or folders of runs, ``official`` names
+            published morphs. ``growth`` is the change of volume relative to that of each morph (`build_growth`); its
+            default volumes are those of the two shapes before they were scaled to one volume, according to the
+            checkpoint. ``ends`` selects the ends of checkpoints (`load_run`).
+        command: Module of the command, for the error message.
 
     Raises:
-        InputError: if nothing is named, or something that is not there or cannot be read, or there is no such growth.
+        InputError: If nothing is named, a file does not exist or cannot be read, or a setting is invalid.
     """
     files = list(dict.fromkeys(find_checkpoint(path) for path in _listed(config["checkpoint"])))
     pairs = list(dict.fromkeys(official_name(name) for name in _listed(config["official"])))
     if not files and not pairs:
         raise InputError(
-            f"no morph is named: type python -m {command} checkpoint=PATH (a .ckpt file or the folder of a run), or "
-            "official=kitten_fandisk for one of the authors'"
+            "`checkpoint` must be a .ckpt file or the folder of a run, got nothing. Try "
+            f"`python -m {command} checkpoint=outputs/demo`, or `official=kitten_fandisk` for a morph of the authors."
         )
     growth, ends = config["growth"], known_ends(config["ends"])
     ours = [load_run(name, file, ends, growth) for name, file in zip(_short_names(files), files, strict=True)]
@@ -72,14 +73,12 @@ def load_morphs(config: Mapping[str, Any], command: str) -> list[LoadedMorph]:
 
 
 def known_ends(ends: Any) -> str:
-    """The setting ``ends``: ``exact`` for the shapes themselves at the ends, ``network`` for the networks'.
+    """Validate the setting ``ends``, see `load_run`.
 
     Raises:
-        InputError: if it is neither.
+        InputError: If it is not one of `ENDS`.
     """
-    if ends not in ENDS:
-        raise InputError(f"`ends` must be {' or '.join(ENDS)}, got {ends}. Try `ends=exact`.")
-    return str(ends)
+    return choice("ends", ends, ENDS)
 
 
 def exact_ends(morph: Morph, name: str) -> ExactEnds | None:
@@ -98,7 +97,7 @@ def load_run(name: str, file: Path, ends: str, growth: Mapping[str, Any] | None 
         file: Checkpoint.
         ends: ``exact`` for the end shapes themselves at t = 0 and 1, ``network`` for what the networks learned of them.
             Without a velocity, both are the network's (`exact_ends`).
-        growth: How the volume changes, see `load_morphs`.
+        growth: Config of the change of volume, see `build_growth`.
     """
     network = load_morph(file)
     exact = exact_ends(network, name) if ends == "exact" else None
@@ -115,28 +114,51 @@ def load_published(name: str, growth: Mapping[str, Any] | None = None) -> Loaded
 
 
 def _grown(morph: Morph, config: Mapping[str, Any] | None) -> Morph:
-    """The morph with the growth of a configuration; itself without one."""
+    """Apply the growth of a configuration to a morph; without one, return the morph itself."""
     scales = [float(morph.provenance.get(end, {}).get("scale", 1.0)) for end in ("source", "target")]
     source, target = (scale**-morph.dim for scale in scales)  # 1 for a shape that was not scaled
     growth = build_growth(config, morph.dim, (source, target))
     return morph if growth is None else Grown(morph, growth)
 
 
+def build_growth(config: Mapping[str, Any] | None, dim: int, own: tuple[float, float] = (1.0, 1.0)) -> Growth | None:
+    """Instantiate the growth of a configuration; None for one without a ``_target_`` (``growth=none``).
+
+    Args:
+        config: ``_target_``, a subclass of `Growth`, and its arguments.
+        dim: Dimension d of space.
+        own: Relative volumes of the two shapes before they were scaled to one volume.
+
+    Raises:
+        InputError: If the target is not a growth, or does not take these arguments.
+    """
+    if not config or config.get("_target_") is None:
+        return None
+    try:
+        return build({**config, "dim": dim, "own": own}, Growth)
+    except TypeError as error:
+        arguments = {name: value for name, value in config.items() if name != "_target_"}
+        raise InputError(
+            f"`growth` must have the arguments of {config['_target_']}, got {arguments} ({error}). Try "
+            "`growth=volume_linear`."
+        ) from error
+
+
 def run_folder(file: Path) -> Path:
-    """The folder of the run that wrote a checkpoint."""
+    """Folder of the run that wrote a checkpoint."""
     return file.parent.parent if file.parent.name == "checkpoints" else file.parent
 
 
-def output_folder(subjects: Sequence[LoadedMorph], work: str) -> Path:
-    """Where a command writes unless told otherwise: in the folder of a run that it looks at alone, else in ``outputs``.
+def output_folder(loaded: Sequence[LoadedMorph], work: str) -> Path:
+    """Default output folder of a command: in the folder of the run if there is one only, otherwise in ``outputs``.
 
     Args:
-        subjects: what it looks at.
-        work: what it writes, such as ``export``.
+        loaded: Morphs that the command works on.
+        work: Name of its results, such as ``export``.
     """
-    if len(subjects) == 1 and subjects[0].folder is not None:
-        return subjects[0].folder / work
-    name = Path(subjects[0].origin).name if len(subjects) == 1 else datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
+    if len(loaded) == 1 and loaded[0].folder is not None:
+        return loaded[0].folder / work
+    name = Path(loaded[0].origin).name if len(loaded) == 1 else datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
     return Path("outputs") / f"{work}s" / name
 
 
@@ -147,7 +169,7 @@ def _listed(names: Names) -> list[str]:
 
 
 def _short_names(files: list[Path]) -> list[str]:
-    """The shortest endings of the paths by which all runs differ; the name of the file too where a run comes twice."""
+    """Shortest endings of the paths that tell all runs apart, with the name of the file if a run occurs twice."""
     runs = [run_folder(file).resolve() for file in files]
     twice = {run for run in runs if runs.count(run) > 1}
     paths = [run / file.stem if run in twice else run for run, file in zip(runs, files, strict=True)]

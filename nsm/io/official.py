@@ -1,19 +1,19 @@
-"""The authors' trained morphs, read into the same interface as ours.
+"""The morphs that the authors of the method trained and published.
 
-Their files (camillebnm/neural_shape_morphing) are bare state dicts: no ω, no architecture, no end shapes, no scale.
-What is missing was found by comparison and stands in `PAIRS`:
+Their files (https://github.com/camillebnm/neural_shape_morphing) are bare state dicts without ω, architecture, end
+shapes, or scale. Comparison with the published shapes determined what is missing, and `PAIRS` records it:
 
-- No pair was scaled to equal volumes: at both ends every f fits the published signed distances best as they are. (The
-  volumes of four pairs are equal to 0.2 % anyway; those of spot and bob differ by 5 %, of feline and horse by 8 %.)
-- ``bust-max`` runs from max to bust, and ``twist`` from pave to twist.
-- ``best_V.pth`` of aligned_feline-horse is not a velocity: it is the network f once more, its weights divided by 60.
-  So V is ``weights_V.pth`` there, and with it the level set equation holds as well as in the other pairs.
-- Every surface keeps to [−1, 1]^3, at all times looked at (t = 0, ¼, ½, ¾, 1), so that is the box of each morph.
+- No pair was scaled to equal volumes: at both ends every f fits the published signed distances best without a scale.
+  (The volumes of four pairs agree to 0.2 %; those of spot and bob differ by 5 %, those of feline and horse by 8 %.)
+- ``bust-max`` goes from max to bust, and ``twist`` from pave to twist.
+- ``best_V.pth`` of aligned_feline-horse is not a velocity, but the network f again, with its weights divided by 60.
+  There V is ``weights_V.pth``, with which the level set equation holds as well as for the other pairs.
+- Every surface stays inside [−1, 1]^3 at the times that were checked (t = 0, ¼, ½, ¾, 1), so this is the box of each
+  morph.
 """
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -23,34 +23,36 @@ from torch import Tensor
 
 from nsm import calculus
 from nsm.cli.errors import InputError
+from nsm.cli.settings import nearest
 from nsm.fields import AdaDiv, ScalarSiren, VectorSiren
 from nsm.fields.beta import Gaussian
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import FieldShape, SirenFile, fetch
 from nsm.shapes.siren_file import OFFICIAL_OMEGA, read_layers, set_layers_
 
-#: ω of the files of f, whose weights contain it.
+#: ω of the published f, whose weights already include it.
 FOLDED_OMEGA = 1.0
 #: α of the authors' β(s) = 1 − exp(−α s²).
 ALPHA = 0.1
-#: Near its end shapes f may differ from them by this much in the mean. The published ones differ by at most 0.007, and
-#: by at least 0.02 when read at an ω that is 10 % off.
+#: Tolerance of the mean difference between f and its end shapes near them. The published morphs differ by at most
+#: 0.007, and by at least 0.02 if ω is 10 % off.
 _ENDS_TOLERANCE = 0.015
-#: Near its surface, |∂f/∂t + ⟨∇f, V⟩| may be this part of |∂f/∂t|, both in the mean. For the published pairs it is at
-#: most 0.23 (twist, which hardly moves: 0.66), and 1 for a V that is nothing to do with f.
-_TRANSPORT_TOLERANCE = 0.8
-#: What is near, and the grid and the number of points on which this is looked at.
+#: Tolerance of the mean |∂f/∂t + ⟨∇f, V⟩| near the surface, relative to the mean |∂f/∂t|. The published pairs have at
+#: most 0.23 (twist, which hardly moves: 0.66); a V that is unrelated to f has 1.
+_LEVEL_SET_TOLERANCE = 0.8
+#: Distance that counts as near, cells of the grid, and number of points for both checks.
 _NEAR, _GRID, _POINTS = 0.05, 48, 6000
 
 
 class Pair(NamedTuple):
-    """What the files of a published morph do not say.
+    """Facts about a published morph that its files do not contain.
 
     Attributes:
-        folder: under ``official/morphs``.
-        source, target: of ``official/ni``, at t = 0 and 1.
-        velocity: the file of V.
-        velocity_omega: its ω.
+        folder: Folder in ``official/morphs``.
+        source: Name of the shape at t = 0 in ``official/ni``.
+        target: Name of the shape at t = 1 in ``official/ni``.
+        velocity: Name of the file of V.
+        velocity_omega: ω of V.
     """
 
     folder: str
@@ -60,7 +62,7 @@ class Pair(NamedTuple):
     velocity_omega: float = OFFICIAL_OMEGA
 
 
-#: The published morphs, by the names of our experiments; the names of their folders are understood too.
+#: Published morphs by the names of our experiments; `official_name` also accepts the names of their folders.
 PAIRS = {
     "kitten_fandisk": Pair("kitten-fandisk", "kitten", "fandisk"),
     "spot_bob": Pair("spot-bob", "spot", "bob", "weights_V.pth", 30.0),
@@ -72,18 +74,21 @@ PAIRS = {
 
 
 def official_name(name: str) -> str:
-    """The key of `PAIRS` that a name means: itself, or the name of a folder.
+    """Find the key of `PAIRS` for a name, which is the key itself or the name of its folder.
 
     Raises:
-        InputError: if no morph of that name was published.
+        InputError: If no morph of that name was published.
+
+    Example:
+        >>> official_name("aligned_feline-horse")
+        'feline_horse'
     """
     folders = {pair.folder: key for key, pair in PAIRS.items()}
     if name in PAIRS or name in folders:
         return folders.get(name, name)
-    near = get_close_matches(name, [*PAIRS, *folders], n=1)
+    near = nearest(name, [*PAIRS, *folders])
     raise InputError(
-        f"official={name} is no morph that the authors published: give one of {', '.join(PAIRS)}"
-        + (f" (did you mean {near[0]}?)" if near else "")
+        f"`official` must be one of {', '.join(PAIRS)}, got {name}. Try `official={near or next(iter(PAIRS))}`."
     )
 
 
@@ -94,17 +99,17 @@ def load_official(
     ends_omega: float = OFFICIAL_OMEGA,
     alpha: float = ALPHA,
 ) -> NeuralMorph:
-    """One of the authors' trained morphs, from ``NSM_DATA_DIR`` or downloaded and checked.
+    """Load a published morph from ``NSM_DATA_DIR``, or download it and verify its checksum.
 
     Args:
-        name: a key of `PAIRS`, or the name of its folder.
+        name: Key of `PAIRS`, or the name of its folder.
         omega: ω of f.
-        velocity_omega: ω of V; that of the pair if None.
+        velocity_omega: ω of V, by default that of the pair.
         ends_omega: ω of the two end shapes.
-        alpha: of β.
+        alpha: α of β(s) = 1 − exp(−α s²).
 
     Raises:
-        InputError: if there is no such pair or no file of it, or the networks do not fit together at these ω.
+        InputError: If there is no such morph, its files are missing, or the networks do not fit together at these ω.
     """
     pair = PAIRS[official_name(name)]
     folder = f"official/morphs/{pair.folder}"
@@ -123,16 +128,19 @@ def read_morph(
     omega: float = FOLDED_OMEGA,
     alpha: float = ALPHA,
 ) -> NeuralMorph:
-    """A morph that the authors' code wrote: f(x, t), and V = curl D + β(f) ∇u from one network of outputs (u, D).
+    """Read a morph that the authors' code wrote: f(x, t), and V = curl D + β(f) ∇u from one network of outputs (u, D).
 
     Args:
-        field_file, velocity_file: state dicts.
-        source, target: the end shapes.
-        velocity_omega, omega: ω of V and of f.
-        alpha: of β(s) = 1 − exp(−α s²).
+        field_file: State dict of f.
+        velocity_file: State dict of the network of V.
+        source: Shape at t = 0.
+        target: Shape at t = 1.
+        velocity_omega: ω of V.
+        omega: ω of f.
+        alpha: α of β(s) = 1 − exp(−α s²).
 
     Raises:
-        InputError: if a file is no such network, f is not the end shapes at t = 0 and 1, or V does not carry f.
+        InputError: If a file is not such a network, f differs from its end shapes, or V does not advect f.
     """
     dim = source.dim
     layers = read_layers(field_file, inputs=(dim + 1,))
@@ -145,7 +153,7 @@ def read_morph(
     set_layers_(velocity.network, layers_v)
     morph = NeuralMorph(field, velocity, source, target).eval().requires_grad_(False)
     _require_ends(morph, field_file, omega)
-    _require_transport(morph, velocity_file, velocity_omega)
+    _require_level_set_equation(morph, velocity_file, velocity_omega)
     return morph
 
 
@@ -163,14 +171,13 @@ def _require_ends(morph: NeuralMorph, file: Path, omega: float) -> None:
         difference = float((morph(grid[near], time) - expected[near]).abs().mean())
         if not difference < _ENDS_TOLERANCE:
             raise InputError(
-                f"{file} read at omega={omega:g} is not the end shape at t = {time:g} (they differ by "
-                f"{difference:.2g} near its surface): give the omega of f (the published ones: "
-                f"omega={FOLDED_OMEGA:g}), and the shapes it was trained between"
+                f"{file} must be the end shape at t = {time:g}, got a difference of {difference:.2g} near its "
+                f"surface with `omega={omega:g}`. Try `omega={FOLDED_OMEGA:g}`, or the shapes that it was trained with."
             )
 
 
 @torch.no_grad()
-def _require_transport(morph: NeuralMorph, file: Path, omega: float) -> None:
+def _require_level_set_equation(morph: NeuralMorph, file: Path, omega: float) -> None:
     x = _grid(morph)
     t = torch.rand(len(x), generator=torch.Generator().manual_seed(0))
     near = morph(x, t).abs() < _NEAR
@@ -180,10 +187,11 @@ def _require_transport(morph: NeuralMorph, file: Path, omega: float) -> None:
     rate = gradient[:, morph.dim]
     residual = rate + (gradient[:, : morph.dim] * velocity).sum(1)
     share = float(residual.abs().mean() / rate.abs().mean())
-    if not share < _TRANSPORT_TOLERANCE:
+    if not share < _LEVEL_SET_TOLERANCE:
         raise InputError(
-            f"{file} read at omega={omega:g} does not carry f (the level set equation is left with {share:.0%} of "
-            f"∂f/∂t): give the omega of V (the published ones: {OFFICIAL_OMEGA:g}; 30 for spot-bob and bust-max)"
+            f"{file} must be a velocity that advects f, got a residual of {share:.0%} of ∂f/∂t in the level set "
+            f"equation with `velocity_omega={omega:g}`. Try `velocity_omega={OFFICIAL_OMEGA:g}`, or 30 for spot-bob "
+            "and bust-max."
         )
 
 

@@ -14,7 +14,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
 from nsm.cli.settings import moment, moments, whole_number
 from nsm.export.__main__ import FORMATS
 from nsm.export.formats import FRAMES as COORDINATES
@@ -30,7 +29,7 @@ from nsm.plots.strip import render_strip
 from nsm.render.film import SIZE, Pace, render_film
 from nsm.render.film import SUFFIXES as FILMS
 from nsm.shapes.download import file_sha256
-from nsm.types import Morph
+from nsm.types import Morph, Networks
 
 #: Cells along the longest edge of the box on which surfaces are extracted.
 RESOLUTION = 128
@@ -86,6 +85,10 @@ class TrainedMorph(Morph):
     def wanted_volume(self, t: float, initial: float = 1.0) -> float:
         """Volume that the shape should have at time t, given the volume that it has at t = 0."""
         return self._morph.wanted_volume(t, initial)
+
+    def networks(self) -> Networks:
+        """The networks for other programs, with the ends that they have learned."""
+        return self.network.networks()
 
     def mesh(self, t: float, resolution: int = RESOLUTION, coordinates: str = "morph") -> trimesh.Trimesh:
         """Extract the surface at one time as a triangle mesh.
@@ -198,8 +201,7 @@ class TrainedMorph(Morph):
     def _save_checkpoint(self, path: Path) -> Path:
         if not self._content:
             raise InputError("`path` of a published morph must not end in .ckpt, which holds networks of nsm only.")
-        with whole_file(path) as temporary:
-            torch.save(dict(self._content), temporary)
+        checkpoint.write_checkpoint(path, self._content[checkpoint.ENTRY], self._content["state_dict"])
         return path
 
 

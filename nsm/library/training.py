@@ -29,7 +29,8 @@ from nsm.library.trained import TrainedMorph, load_morph
 from nsm.train import __main__ as training
 from nsm.types import SimplexMesh
 
-#: A shape as `morph` takes it: a mesh, its file, its vertices (v, 3) and faces (m, 3), or a name of ``conf/shape``.
+#: A shape as `morph` takes it: a mesh, its vertices (v, 3) and faces (m, 3), a file of any kind
+#: (`nsm.io.shape_file.read_shape`), or a name of ``conf/shape``.
 ShapeLike = trimesh.Trimesh | str | os.PathLike[str] | tuple[Any, Any]
 
 
@@ -48,7 +49,7 @@ def morph(
     """Train a morph between two shapes, as ``python -m nsm.train`` does.
 
     Args:
-        source: Shape at t = 0: a `trimesh.Trimesh`, the path of a mesh, a pair of vertices (v, 3) and faces (m, 3), or
+        source: Shape at t = 0: a `trimesh.Trimesh`, the path of a file, a pair of vertices (v, 3) and faces (m, 3), or
             the name of a file in ``conf/shape``.
         target: Shape at t = 1.
         budget: ``full``, ``fast`` (a quarter of the steps), or another file in ``conf/budget``.
@@ -88,7 +89,7 @@ def _shape(side: str, shape: ShapeLike, folder: Path) -> list[str]:
         return [f"shape@{side}={shape}"]
     if isinstance(shape, str | os.PathLike):
         path = Path(shape).expanduser()
-        return [f"shape@{side}=mesh", f"{side}.path={_literal(str(path.resolve() if path.exists() else shape))}"]
+        return [f"shape@{side}=file", f"{side}.path={_literal(str(path.resolve() if path.exists() else shape))}"]
     vertices, faces = (shape.vertices, shape.faces) if isinstance(shape, trimesh.Trimesh) else shape
     arrays = torch.as_tensor(np.asarray(vertices, dtype=np.float64)), torch.as_tensor(np.asarray(faces, dtype=np.int64))
     if any(array.ndim != 2 or array.shape[1] != 3 for array in arrays):

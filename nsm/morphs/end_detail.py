@@ -1,4 +1,4 @@
-"""What a morph lacks at one of its ends: the difference between a shape and f, as a function of the place there."""
+"""Detail that a morph lacks at one of its ends: the difference between the shape and f, as a function of position."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from nsm.metrics.endpoint import finite_gradient
 from nsm.shapes import FieldShape
 from nsm.types import Morph, SignedDistance
 
-#: Distance from the surfaces of an end at which its tabulated difference has faded to 0, a share of the box; and the
-#: least that it may be, in cells of the table.
+#: Distance from the surfaces of an end at which its tabulated difference has faded to 0, relative to the box, and its
+#: minimum in cells of the table.
 REACH, _REACH_CELLS = 0.03, 3.0
-#: For how long after an end the difference is read from the shape itself, detail finer than the lattice included.
+#: Interval of time next to an end in which the shape itself, with detail finer than the lattice, gives the difference.
 NEAR = 0.04
-#: Points along the edges of the blocks that are cut into halves, or left out, until they are single points.
+#: Lattice points along the edges of the first blocks, which are halved or discarded until they are single points.
 _BLOCK = 8
-#: A bound on the slope of signed distances, by which blocks are left out.
+#: Upper bound of the slope of signed distances, by which blocks are discarded.
 _SLOPE = 1.2
 
 
 class EndDetail:
-    """The difference h = g − f(·, time) at an end, and its table H, which is 0 away from both surfaces.
+    """Difference h = g − f(·, time) at an end, and its table H, which is 0 away from both surfaces.
 
     Args:
         morph: f.
-        time: 0 or 1.
-        shape: g.
+        time: Time of the end, 0 or 1.
+        shape: Shape g at that end.
         resolution: Cells of the table along the box.
     """
 
@@ -44,11 +44,11 @@ class EndDetail:
         return (torch.pi / 2 * (t - self.time)).cos().square()
 
     def share(self, t: Tensor) -> Tensor:
-        """The part of that weight which h itself has, the rest being that of H: 1 at the end, 0 beyond `NEAR`."""
+        """Share of that weight which applies to h itself, the rest to H: 1 at the end, 0 beyond `NEAR`."""
         return (1 - ((t - self.time) / NEAR).square()).clamp(min=0) ** 3
 
     def value(self, y: Tensor, t: Tensor) -> Tensor:
-        """The term of this end (n,), for points that are at y at the end."""
+        """Term of this end (n,) for points whose position at the end is y (n, d)."""
         share = self.share(t)
         value = (self.weight(t) - share) * self.table(y)[:, 0]
         near = (share > 0).expand(len(y))
@@ -58,7 +58,7 @@ class EndDetail:
         return value
 
     def gradient(self, y: Tensor, t: Tensor, step: float) -> Tensor:
-        """The gradient of that with respect to y (n, d)."""
+        """Gradient of `value` with respect to y, shape (n, d)."""
         share = self.share(t)
         gradient = (self.weight(t) - share).view(-1, 1) * self.table.jet(y)[1][:, 0]
         near = (share > 0).expand(len(y))
@@ -68,18 +68,18 @@ class EndDetail:
         return gradient
 
     def difference(self, y: Tensor) -> Tensor:
-        """h at points."""
+        """h at points y (n, d), shape (n,)."""
         return self.shape(y) - self.morph(y, self.time)
 
     @property
     def reach(self) -> float:
-        """The distance from both surfaces at which H is 0."""
+        """Distance from both surfaces beyond which H is 0."""
         edge = float((self.morph.bounds[1] - self.morph.bounds[0]).max())
         return max(REACH * edge, _REACH_CELLS * edge / self.resolution)
 
     @cached_property
     def table(self) -> Interpolant:
-        """H, sampled where a surface of g or of f(·, time) is near, or between them."""
+        """H, sampled near the surfaces of g and f(·, time), and between them."""
         lattice, reach = Lattice.corners(self.morph.bounds, self.resolution), self.reach
         last = torch.tensor(lattice.shape, device=lattice.step.device) - 1
         size, index = _BLOCK, lattice._replace(shape=tuple(-(-n // _BLOCK) for n in lattice.shape)).indices()
@@ -99,20 +99,20 @@ class EndDetail:
         return Interpolant(lattice, values)
 
     def _sampled(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """How far points are from both surfaces, 0 between them, and h there."""
+        """Distance of points from both surfaces, which is 0 between them, and h there."""
         shape, network = evaluate(self.shape, x), evaluate(partial(self.morph, t=self.time), x)
         apart = torch.maximum(torch.minimum(shape, network), -torch.maximum(shape, network)).clamp(min=0)
         return apart, shape - network
 
 
 def _fade(distance: Tensor) -> Tensor:
-    """1 up to a third, 0 from 1 on, twice continuously differentiable."""
+    """Twice continuously differentiable step that is 1 up to a third and 0 from 1 on."""
     u = (1.5 * distance - 0.5).clamp(0, 1)
     return 1 - u * u * u * (10 - 15 * u + 6 * u * u)
 
 
 def shape_gradient(shape: SignedDistance, x: Float[Tensor, "n d"], step: float) -> Float[Tensor, "n d"]:
-    """The gradient of a shape as it knows it, or by central differences for a plain function."""
+    """Gradient of a shape (n, d), exact for a `FieldShape`, and from central differences for any other function."""
     if isinstance(shape, FieldShape):
         return shape.jet(x).gradient
     return finite_gradient(shape, x, step)

@@ -1,4 +1,4 @@
-"""Morphs that begin and end exactly at their shapes, and carry the detail that the networks missed along the flow."""
+"""Morphs that start and end exactly at their shapes, and advect the detail that the networks missed."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from nsm.morphs.advected import velocity_of
 from nsm.morphs.end_detail import EndDetail, shape_gradient
 from nsm.types import Morph
 
-#: Cells of the lattice on which V is sampled, along the longest edge of the box of the moving surface, by dimension;
-#: and at how many times.
+#: Cells of the lattice on which V is sampled, along the longest edge of the box of the moving surface, by dimension,
+#: and the number of times at which it is sampled.
 FLOW_RESOLUTION = {2: 64, 3: 32}
 FLOW_SLICES = 9
-#: Cells along the box, and times, at which that box is looked for.
+#: Cells along ``bounds``, and the number of times, at which that box is searched.
 _SEARCH, _SEARCH_TIMES = 16, 9
 #: Cells along the box of the lattice on which the differences at the ends are sampled, by dimension.
 DETAIL_RESOLUTION = {2: 512, 3: 128}
-#: At more times than this in one call, points are carried through V itself and not by a flow map for each time.
+#: Number of distinct times in one call above which V itself is integrated, instead of a flow map for each time.
 _TIMES = 16
-#: Step of the differences that give gradients, a share of the longest edge of the box.
+#: Step of the differences that give gradients, relative to the longest edge of the box.
 _STEP = 5e-4
-#: Where the error of the flow maps is measured: cells of the surfaces, points on each, and times.
+#: Cells of the surfaces on which the error of the flow maps is measured, number of points on each, and times.
 _MEASURED, _POINTS, _MOMENTS = 32, 256, (0.25, 0.5, 0.75)
-#: How V itself is integrated.
+#: Integrator of V itself.
 _DIRECT = RungeKutta(16)
 
 
 class ExactEnds(Morph):
-    """A morph whose ends are its two shapes exactly, whatever its networks missed; a `nsm.types.Morph`.
+    """Morph whose ends are exactly its two shapes, even where its networks missed detail.
 
-    With h₀ = g₀ − f(·, 0), h₁ = g₁ − f(·, 1), and φ the flow of V,
+    With the missing detail h₀ = g₀ − f(·, 0) and h₁ = g₁ − f(·, 1), and the flow φ of V,
 
         f̃(x, t) = f(x, t) + cos²(πt/2) h₀(φ_{t→0}(x)) + sin²(πt/2) h₁(φ_{t→1}(x)),
 
-    so that f̃ = g₀ at t = 0 and f̃ = g₁ at t = 1, and in between the detail that f lacks at an end moves with V. At the
-    ends g₀ and g₁ themselves are read. Elsewhere φ comes from `nsm.geometry.flow.FlowMaps`, and hᵢ from a table of its
-    values near the surfaces of gᵢ and f(·, i), faded to 0 away from both, so that f̃ has the sign of f there. Within
-    `nsm.morphs.end_detail.NEAR` of an end the table gives way to hᵢ itself, so that f̃ is continuous in time; detail
-    finer than the cells of the table lasts that long.
+    so that f̃ = g₀ at t = 0 and f̃ = g₁ at t = 1, and in between the detail that f lacks at an end is advected by V. At
+    the ends g₀ and g₁ themselves are evaluated. Elsewhere φ comes from `nsm.geometry.flow.FlowMaps`, and hᵢ from a
+    table of its values near the surfaces of gᵢ and f(·, i), faded to 0 away from both, so that f̃ has the sign of f
+    there. Within `nsm.morphs.end_detail.NEAR` of an end, hᵢ itself gradually replaces the table, so that f̃ is
+    continuous in time; detail finer than the cells of the table is visible that long.
 
-    V and its divergence are those of the morph. The tables are made when they are first needed.
+    V and its divergence are those of the morph. The tables are computed when they are first needed.
 
     Args:
         morph: f, with a velocity and both end shapes.
@@ -57,13 +57,8 @@ class ExactEnds(Morph):
             `FLOW_RESOLUTION`.
         detail_resolution: Cells along the box on which h₀ and h₁ are sampled; by default `DETAIL_RESOLUTION`.
 
-    Attributes:
-        dim: Dimension d of space.
-        bounds: Corners of the box, shape (2, d).
-        source, target: The shapes at t = 0 and 1.
-
     Raises:
-        InputError: if the morph has no velocity.
+        InputError: If the morph has no velocity.
 
     Example:
         >>> from functools import partial
@@ -88,7 +83,7 @@ class ExactEnds(Morph):
         self.detail_resolution = detail_resolution or DETAIL_RESOLUTION[morph.dim]
 
     def __call__(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """Signed distance (n,) at x (n, d) and time t, one number or (n,); negative inside."""
+        """Signed distance (n,) at x (n, d) and t, one time or n of them; negative inside."""
         x = x.to(self.bounds)
         if isinstance(t, Tensor) and t.ndim:
             return self._at_times(x, t)
@@ -106,7 +101,7 @@ class ExactEnds(Morph):
         return True
 
     def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
-        """Velocity (n, d) of the morph, in units of length per unit of t."""
+        """Velocity (n, d) of the morph in units of length per unit of t."""
         return self.morph.velocity(x, t)
 
     def divergence(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:
@@ -115,7 +110,7 @@ class ExactEnds(Morph):
 
     @torch.no_grad()
     def flow_error(self) -> FlowError:
-        """Measure the flow maps and tables against direct integration, at points of the surface at three times."""
+        """Compare the flow maps and tables with direct integration at points of the surface at three times."""
         distances, differences = [], []
         for number, time in enumerate(_MOMENTS):
             mesh = extract_surface(partial(self, t=time), self.bounds, _MEASURED)
@@ -136,11 +131,11 @@ class ExactEnds(Morph):
 
     @cached_property
     def flow(self) -> FlowMaps:
-        """The flow of V, from any time to both ends."""
+        """Flow of V from any time to both ends."""
         return FlowMaps(self._velocity, self._moving_box(), self.flow_resolution, FLOW_SLICES)
 
     def _moving_box(self) -> Tensor:
-        """The part of the box (2, d) where a term that is added to f may differ from 0 at some time."""
+        """Part of the box, corners (2, d), where a term added to f may differ from 0 at some time."""
         lattice = Lattice.corners(self.bounds, _SEARCH)
         x = lattice.points(lattice.indices())
         margin = max(end.reach for end in self._ends) + float(lattice.step.norm())
@@ -190,7 +185,7 @@ class ExactEnds(Morph):
     def _gradient_at_times(self, x: Tensor, t: Tensor) -> Tensor:
         times, which = t.unique(return_inverse=True)
         if len(times) > _TIMES:
-            # the Jacobian of the flow by central differences
+            # Jacobian of the flow by central differences
             steps = self._step * torch.eye(self.dim).to(x)
             after, before = ([self._integrated(x + sign * step, t) for step in steps] for sign in (1, -1))
             jacobians = [
@@ -205,12 +200,12 @@ class ExactEnds(Morph):
         return gradient
 
     def _differences(self, places: tuple[Tensor, ...], t: Tensor) -> Tensor:
-        """Both terms that are added to f, (n,), given where the points are at the ends."""
+        """Sum of both terms that are added to f, (n,), given the positions of the points at the ends."""
         source, target = (end.value(place, t) for end, place in zip(self._ends, places, strict=True))
         return source + target
 
     def _slopes(self, places: tuple[Tensor, ...], jacobians: list[Tensor], t: Tensor) -> Tensor:
-        """The gradient of both terms (n, d), given the Jacobians (n, d, d) of where the points are at the ends."""
+        """Gradient of both terms (n, d), given the positions at the ends and their Jacobians (n, d, d)."""
         source, target = (
             (end.gradient(place, t, self._step)[:, None] @ jacobian)[:, 0]
             for end, place, jacobian in zip(self._ends, places, jacobians, strict=True)
@@ -221,16 +216,16 @@ class ExactEnds(Morph):
         return tuple(x + part for part in moved.split(self.dim, 1))
 
     def _integrated(self, x: Tensor, t: Tensor) -> tuple[Tensor, ...]:
-        """Where points, each at a time of its own, are at t = 0 and 1, by the flow of V itself."""
+        """Positions at t = 0 and 1 of points, each with a time of its own, by the flow of V itself."""
         t = t.to(x).clamp(0, 1)[:, None]
         places = []
         for end in self._ends:
-            stretch = torch.cat([x, t, end.time - t], 1)  # s in [0, 1] is the part of it that is done
+            stretch = torch.cat([x, t, end.time - t], 1)  # integrated over the share s in [0, 1] of each interval
             places.append(advect(self._stretched, stretch, [0.0, 1.0], _DIRECT)[-1, :, : self.dim])
         return tuple(places)
 
     def _stretched(self, state: Tensor, share: float) -> Tensor:
-        """Rates of (x, start, length) when the whole of each point's stretch of time takes one unit."""
+        """Rate of change of (x, start, length) when every interval [start, start + length] is scaled to [0, 1]."""
         x, start, length = state.split([self.dim, 1, 1], 1)
         velocity = self._velocity(x, (start + share * length)[:, 0])
         return torch.cat([length * velocity, torch.zeros_like(start), torch.zeros_like(length)], 1)

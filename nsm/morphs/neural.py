@@ -1,34 +1,45 @@
-"""A morph made of networks: what training yields, and what loads for inference."""
+"""Morph made of networks, as training makes it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from nsm.fields import ScalarNetwork, Velocity
+from nsm.morphs.networks import portable_networks
 from nsm.shapes import FieldShape
-from nsm.types import Jet, Morph
+from nsm.types import Jet, Morph, Networks
 
-#: Points evaluated at once: large enough for full matrix products, small enough for any memory.
+#: Number of points evaluated at once: large enough for full matrix products, small enough for any memory.
 CHUNK = 1 << 16
 
 
 class NeuralMorph(nn.Module, Morph):
-    """A moving shape {f(·, t) < 0} with its velocity field and its two end shapes.
+    """Moving shape {f(·, t) < 0} with its velocity field and its two end shapes.
 
     Args:
-        field: f(x, t), a scalar network of d + 1 inputs, time last.
-        velocity: V(x, t), or None for a method without one.
-        source: the shape at t = 0, posed and scaled.
-        target: the shape at t = 1.
-        half_width: the morph lies in the box [−h, h]^d, until `enclose` is given the box that it needs.
+        field: Scalar network f(x, t) of d + 1 inputs, time last.
+        velocity: Velocity V(x, t), or None for a method without one.
+        source: Shape at t = 0, posed and scaled.
+        target: Shape at t = 1.
+        half_width: h of the box [−h, h]^d, which contains the morph until `enclose` sets another box.
 
     Attributes:
-        dim: dimension d of space.
-        bounds: corners (2, d) of the box, lowest first; part of the state, so that a checkpoint carries it.
+        bounds: Corners of the box, shape (2, d); part of the state, so that a checkpoint contains it.
+
+    Example:
+        >>> import torch
+        >>> from nsm.fields import ScalarSiren
+        >>> from nsm.morphs.neural import NeuralMorph
+        >>> from nsm.shapes import Ball
+        >>> morph = NeuralMorph(ScalarSiren(4, 8, 1), None, Ball(0.4), Ball(0.5)).requires_grad_(False)
+        >>> x = torch.rand(10, 3)
+        >>> morph(x, 0.5).shape, morph.gradient(x, torch.rand(10)).shape, morph.has_velocity
+        (torch.Size([10]), torch.Size([10, 3]), False)
     """
 
     bounds: Tensor
@@ -54,11 +65,11 @@ class NeuralMorph(nn.Module, Morph):
         self.register_buffer("bounds", torch.stack([-corner, corner]))
 
     def enclose(self, box: Float[Tensor, "2 d"]) -> None:
-        """Take a box (corners (2, d), lowest first) that contains the moving shape at all times."""
+        """Set ``bounds`` to a box that contains the moving shape at all times, corners of shape (2, d)."""
         self.bounds.copy_(box)
 
     def forward(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """Signed distance (n,) at x (n, d) and time t, one number or (n,); negative inside."""
+        """Signed distance (n,) at x (n, d) and t, one time or n of them; negative inside."""
         return self._in_chunks(lambda p: self.field(p), self._spacetime(x, t))
 
     def jet(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Jet:
@@ -76,7 +87,7 @@ class NeuralMorph(nn.Module, Morph):
         return self.velocity_field is not None
 
     def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
-        """Velocity (n, d), in units of length per unit of t; None for a method without a velocity field."""
+        """Velocity (n, d) in units of length per unit of t; None for a method without a velocity field."""
         velocity = self.velocity_field
         if velocity is None:
             return None
@@ -89,14 +100,20 @@ class NeuralMorph(nn.Module, Morph):
             return None
         return self._in_chunks(lambda p: velocity.divergence(p, self.field.jet(p)), self._spacetime(x, t))
 
+    def networks(self) -> Networks:
+        """f and V as they are, without the end shapes."""
+        copied = deepcopy(self).float().cpu().eval().requires_grad_(False)
+        shapes = {"source": self.source.provenance(), "target": self.target.provenance()}
+        return portable_networks(copied.field, copied.velocity_field, copied.bounds, shapes)
+
     def _spacetime(self, x: Tensor, t: float | Tensor) -> Tensor:
-        """Points (n, d + 1) in the type and on the device of the networks."""
+        """Points of space-time (n, d + 1) with the data type and the device of the networks."""
         if x.ndim != 2 or x.shape[1] != self.dim:
-            raise ValueError(f"x has shape {tuple(x.shape)}, but this morph takes points of shape (n, {self.dim})")
+            raise ValueError(f"`x` must have shape (n, {self.dim}), got {tuple(x.shape)}.")
         x = x.to(self.bounds)
         time = torch.as_tensor(t, dtype=x.dtype, device=x.device)
         if time.shape not in ((), (len(x),)):
-            raise ValueError(f"t has shape {tuple(time.shape)}, but must be one number or of shape ({len(x)},)")
+            raise ValueError(f"`t` must be one time or have shape ({len(x)},), got {tuple(time.shape)}.")
         return torch.cat([x, time.expand(len(x))[:, None]], 1)
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""The surface of a morph at one time: what is exported, drawn and viewed."""
+"""Surface of a morph at one time, at its zero level or at the level of exact volume."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from nsm.types import Morph, SimplexMesh
 
 log = logging.getLogger(__name__)
 
-#: The level to extract at a time.
+#: Maps a time to the level of f to extract.
 Levels = Callable[[float], float]
 #: Cells along the box on which the volume at t = 0 is measured, by dimension.
 VOLUME_RESOLUTION = {2: 512, 3: 128}
-#: A level beyond this, in units of length, shows: the morph has lost or gained too much for an offset to hide.
+#: Absolute level, in units of length, above which the change of volume is too large to be corrected invisibly.
 LARGE_LEVEL = 0.01
 
 
 class Frame(NamedTuple):
-    """The surface {f(·, time) = level} with the normals ∇f/‖∇f‖ (v, d) at its vertices."""
+    """Surface {f(·, time) = level} with the normals ∇f/‖∇f‖ at its vertices, shape (v, d)."""
 
     time: float
     level: float
@@ -39,19 +39,27 @@ class Frame(NamedTuple):
 
 @torch.no_grad()
 def extract_frame(morph: Morph, time: float, resolution: int, level: float = 0.0) -> Frame:
-    """Extract the surface at one time; a warning tells where it leaves the box, beyond which it is not known.
+    """Extract the surface at one time, and log a warning if it leaves the domain of the morph.
 
     Args:
-        morph: the morph.
-        time: from 0 to 1.
-        resolution: cells along the longest edge of ``morph.bounds``.
-        level: the value of f on the surface.
+        morph: The morph.
+        time: Time in [0, 1].
+        resolution: Cells along the longest edge of ``morph.bounds``.
+        level: Value of f on the surface.
+
+    Example:
+        >>> from nsm.fields import ScalarSiren
+        >>> from nsm.morphs.neural import NeuralMorph
+        >>> from nsm.shapes import Ball
+        >>> morph = NeuralMorph(ScalarSiren(4, 8, 1), None, Ball(0.4), Ball(0.5)).requires_grad_(False)
+        >>> extract_frame(morph, 0.5, resolution=16).mesh.vertices.shape[1]
+        3
     """
     mesh = extract_surface(partial(morph, t=time), morph.bounds, resolution, level)
     if sides := open_sides(mesh, morph.domain(time)):
         log.warning(
-            "at t = %g the surface leaves the box by its sides %s and is cut there: train with smaller shapes "
-            "(source.pose.scale=0.9 target.pose.scale=0.9), or in Python enlarge morph.bounds",
+            "At t = %g the surface leaves the box through its sides %s and is cut off there. Try smaller shapes, "
+            "`source.pose.scale=0.9 target.pose.scale=0.9`, or enlarge `morph.bounds` in Python.",
             time,
             ", ".join(sides),
         )
@@ -59,22 +67,22 @@ def extract_frame(morph: Morph, time: float, resolution: int, level: float = 0.0
 
 
 def zero_level(time: float) -> float:
-    """Level 0: the surface as f has it."""
+    """Level 0, the surface of f itself."""
     return 0.0
 
 
 class ExactVolume:
-    """Levels c(t) at which the mesh encloses the wanted volume: Vol{f(·, t) < c(t)} = V(t).
+    """Levels c(t) at which the extracted mesh encloses the wanted volume, Vol{f(·, t) < c(t)} = V(t).
 
-    V(t) is `nsm.types.Morph.wanted_volume` for the volume at t = 0 (`initial_volume`). What is made equal to it is the
-    volume of the mesh (`nsm.geometry.level`).
+    V(t) is `nsm.types.Morph.wanted_volume` for the volume at t = 0 (`initial_volume`), and `nsm.geometry.level` finds
+    the level at which the volume of the mesh equals it.
 
     Args:
-        morph: the morph.
-        resolution: cells along the longest edge of ``morph.bounds``, those with which the surface is extracted.
+        morph: The morph.
+        resolution: Cells along the longest edge of ``morph.bounds`` with which the surface is extracted.
 
     Attributes:
-        levels: the level of each time that was asked for so far.
+        levels: Levels found so far, by time.
     """
 
     def __init__(self, morph: Morph, resolution: int) -> None:
@@ -83,21 +91,21 @@ class ExactVolume:
         self._initial = initial_volume(morph)
 
     def wanted_volume(self, time: float) -> float:
-        """V(t), in units of length to the power d."""
+        """V(t) in units of length to the power d."""
         return self.morph.wanted_volume(time, self._initial)
 
     def __call__(self, time: float) -> float:
-        """The level at a time, in units of length where f is a distance; found once.
+        """Find the level at a time, in units of length where f is a distance; later calls return the same value.
 
         Raises:
-            InputError: if the surface leaves the box then, or no level encloses the volume.
+            InputError: If the surface leaves the box at that time, or no level encloses the volume.
         """
         if time not in self.levels:
             field = partial(self.morph, t=time)
             try:
                 found = level_of_volume(field, self.morph.bounds, self.resolution, self.wanted_volume(time))
             except InputError as error:
-                raise InputError(f"at t = {time:g} {error}") from error
+                raise InputError(f"At t = {time:g}: {error}") from error
             self.levels[time] = found
         return self.levels[time]
 
@@ -108,13 +116,13 @@ class ExactVolume:
 
     @property
     def concern(self) -> str | None:
-        """A sentence for people if some level so far was large, else None."""
+        """Warning for the user if some level so far was large, else None."""
         if self.largest <= LARGE_LEVEL:
             return None
         time = max(self.levels, key=lambda t: abs(self.levels[t]))
         return (
-            f"at t = {time:g} the surface had to be moved by {self.levels[time]:.3g} to have the wanted volume (more "
-            f"than {LARGE_LEVEL:g} shows): the morph itself does not keep it, so train it longer, or on another method"
+            f"At t = {time:g} the surface had to be moved by {self.levels[time]:.3g} to have the wanted volume; more "
+            f"than {LARGE_LEVEL:g} is visible. Try to train longer, or another method."
         )
 
 

@@ -2,11 +2,14 @@
 
 from nsm.shapes.base import FieldShape, Shape, working_box
 from nsm.shapes.download import fetch, resolve
+from nsm.shapes.labels import LabelVolume
 from nsm.shapes.landmarks import LandmarkPairs, Landmarks, LandmarkTable, LandmarkVertices
 from nsm.shapes.mesh import MeshFile, MeshShape
 from nsm.shapes.normalize import EqualVolume, PlacedPair, equal_volume, place_together
+from nsm.shapes.outline import OutlineShape
 from nsm.shapes.points import PointCloud
 from nsm.shapes.primitive import Ball, Box, Capsule, Cylinder, Polygon, Primitive, Torus, Union
+from nsm.shapes.silhouette import Silhouette
 from nsm.shapes.similarity import Similarity
 from nsm.shapes.siren import SirenShape
 from nsm.shapes.siren_file import SirenFile
@@ -18,17 +21,20 @@ __all__ = [
     "Cylinder",
     "EqualVolume",
     "FieldShape",
+    "LabelVolume",
     "LandmarkPairs",
     "LandmarkTable",
     "LandmarkVertices",
     "Landmarks",
     "MeshFile",
     "MeshShape",
+    "OutlineShape",
     "PlacedPair",
     "PointCloud",
     "Polygon",
     "Primitive",
     "Shape",
+    "Silhouette",
     "Similarity",
     "SirenFile",
     "SirenShape",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import igl
 import numpy as np
@@ -15,12 +15,13 @@ from scipy.sparse.csgraph import connected_components
 
 from nsm.cli.errors import InputError
 from nsm.shapes.sampling import sample_mesh_surface, unit_normals
+from nsm.shapes.surface_files import SURFACE_FORMATS, read_surface
 from nsm.types import SimplexMesh
 
 log = logging.getLogger(__name__)
 
 #: Extensions of supported files.
-FORMATS = (".obj", ".ply", ".stl", ".off", ".glb")
+FORMATS = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", *SURFACE_FORMATS)
 #: Distance below which vertices are merged, relative to the diagonal: formats split vertices at texture seams.
 _MERGE_DISTANCE = 1e-7
 #: Fractions of unused vertices above which an obj file counts as truncated: if its last line is incomplete, and in any
@@ -58,7 +59,13 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
     if file.stat().st_size == 0:
         raise InputError(f"{file} must contain a mesh, got an empty file. Try to export the mesh again.")
     try:
-        mesh = trimesh.load(file, force="mesh", process=False)
+        mesh: Any
+        if file.suffix.lower() in SURFACE_FORMATS:
+            mesh = read_surface(file)
+        else:
+            mesh = trimesh.load(file, force="mesh", process=False)
+    except InputError:
+        raise
     except Exception as error:  # readers raise various exceptions for damaged files
         raise InputError(
             f"{file} must contain a mesh in the format of its extension, got {type(error).__name__}: "

@@ -20,20 +20,19 @@ class FilePlacement:
             file, for example for two scans in common coordinates.
         pose: Rotation, translation, and scale applied after fitting.
         up: Direction in the coordinates of the file that becomes +y, before all else; None for +y.
+        dim: Dimension of the shape, 2 or 3.
 
     Raises:
         InputError: If one of them is invalid.
     """
 
-    dim = 3
-
-    def __init__(self, fit: float | None, pose: Pose, up: Sequence[float] | None) -> None:
+    def __init__(self, fit: float | None, pose: Pose, up: Sequence[float] | None, dim: int = 3) -> None:
         if fit is not None and not 0 < float(fit) <= 1:
             raise InputError(
                 f"`fit` must be in (0, 1], or null to keep the coordinates of the file, got {fit}. Try `fit=0.8`."
             )
         self.fit = None if fit is None else float(fit)
-        self.pose, self.upright = Similarity.read(pose, self.dim), Similarity.upright(up, self.dim)
+        self.pose, self.upright = Similarity.read(pose, dim), Similarity.upright(up, dim)
 
     def of_centered(self, points: Float[Tensor, "v d"], center: Float[Tensor, " d"]) -> Similarity:
         """Compute the similarity to the box from coordinates relative to the center of the shape.

@@ -1,4 +1,4 @@
-"""Shapes from oriented point clouds."""
+"""Shapes from point clouds."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ import json
 import logging
 from collections.abc import Sequence
 from copy import copy
-from pathlib import Path
 from typing import Any
 
 import igl
 import numpy as np
 import torch
-import trimesh
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 from torch import Tensor
@@ -23,15 +21,15 @@ from nsm.geometry.volume import volume
 from nsm.shapes.base import Shape, working_box
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.mesh_reading import MIN_WINDING
+from nsm.shapes.orientation import PLANE_NEIGHBORS, estimate_normals, find_rims
 from nsm.shapes.placing import FilePlacement, centered
+from nsm.shapes.point_files import read_points
 from nsm.shapes.sampling import ambient_points
 from nsm.shapes.similarity import Pose, Similarity
 from nsm.types import DistanceSamples, SurfaceSamples
 
 log = logging.getLogger(__name__)
 
-#: Extensions of supported files: ply with nx, ny, nz, and text with six columns.
-FORMATS = (".ply", ".xyz")
 #: Number of neighbors from which the area of a point is estimated.
 _NEIGHBORS = 12
 #: Distance, in radii of its disk, within which the nearest point determines the sign; beyond, the winding number does.
@@ -43,7 +41,10 @@ _MIN_JUMP = 0.3
 
 
 class PointCloud(Shape):
-    """Points with outward normals, each of which represents a disk of the surface.
+    """Points on a surface, each of which represents a disk orthogonal to its normal.
+
+    Normals missing from the file are estimated and oriented, and the log reports their quality
+    (`nsm.shapes.orientation`).
 
     The area of a disk follows from the distances to its nearest neighbors. The distance at x is that to the disk of the
     nearest point p with normal n and radius ρ: with h = ⟨x − p, n⟩ and ℓ² = ‖x − p‖² − h², it is
@@ -51,13 +52,13 @@ class PointCloud(Shape):
     surface, and follows from the winding number of the disks farther away.
 
     Args:
-        path: A ply file with normals, an xyz file of six columns, or a public name.
+        path: A ply, xyz, txt, npy, las, or laz file, or a public name; normals are nx, ny, nz, or columns 4 to 6.
         fit: Half the longest side of the bounding box after fitting; None keeps the coordinates of the file.
         pose: Rotation, translation, and scale applied after fitting.
         up: Direction in the coordinates of the file that becomes +y, before all else; None for +y.
 
     Raises:
-        InputError: If there are no normals, or they do not enclose a volume.
+        InputError: If the file cannot be read, or the normals do not enclose a volume.
 
     References:
         Barill et al., Fast Winding Numbers for Soups and Clouds, SIGGRAPH 2018.
@@ -69,11 +70,14 @@ class PointCloud(Shape):
     def __init__(
         self, path: str, fit: float | None = 0.8, pose: Pose = None, up: Sequence[float] | None = None
     ) -> None:
-        file_placement, self.path, file = FilePlacement(fit, pose, up), str(path), resolve(path)
-        raw, normals = clean_points(*read_points(file), self.path)
+        file_placement, file = FilePlacement(fit, pose, up), resolve(path)
+        name, columns = str(path), read_points(file)
+        self.path, self._sha256, self._estimated = name, file_sha256(file), columns.normals is None
+        raw, given = clean_points(*columns, self.path)
         points, center = centered(torch.from_numpy(raw))
+        orientation = estimate_normals(points.numpy()) if given is None else None
+        normals = given if orientation is None else orientation.normals
         placement = file_placement.of_centered(points, center)
-        self._sha256 = file_sha256(file)
         self._similarity = placement.after(Similarity.shift(-center))
         self._points = placement.apply(points).numpy()
         self._normals = placement.rotate(torch.from_numpy(normals)).numpy()
@@ -81,7 +85,20 @@ class PointCloud(Shape):
         self._areas = point_areas(self._tree)
         self._radii = np.sqrt(self._areas / np.pi)
         self._expansion: tuple[Any, ...] | None = None
-        self._orient()
+        consistent = self._orient()
+        if orientation is not None:
+            log.info(
+                "%s has no normals: they are estimated from %d neighbors each and oriented along a spanning tree "
+                "(%d components); %.1f %% of neighbors agree, and the winding number confirms the side of %.1f %%",
+                *(name, PLANE_NEIGHBORS, orientation.pieces, 100 * orientation.agreement, 100 * consistent),
+            )
+        rims = find_rims(self._points, self._normals)
+        if rims.holes:
+            log.warning(
+                "%s is a partial cloud: %d of its %d points lie at the rims of about %d holes, which a network fitted "
+                "to it closes",
+                *(name, rims.points, len(self._points), rims.holes),
+            )
 
     def transformed(self, similarity: Similarity) -> PointCloud:
         """Apply a similarity after the present pose of the cloud, and return the result as a new shape."""
@@ -134,9 +151,14 @@ class PointCloud(Shape):
         return volume(self.signed_distance, torch.stack([low - margin, high + margin]), _VOLUME_CELLS)
 
     def provenance(self) -> dict[str, Any]:
-        """Return file, checksum, and the similarity from the coordinates of the file to the box."""
-        similarity = self._similarity.to_config()
-        return {"kind": "point cloud", "path": self.path, "sha256": self._sha256, "similarity": similarity}
+        """Return file, checksum, origin of the normals, and the similarity from the file to the box."""
+        return {
+            "kind": "point cloud",
+            "path": self.path,
+            "sha256": self._sha256,
+            "normals": "estimated" if self._estimated else "given",
+            "similarity": self._similarity.to_config(),
+        }
 
     def content_key(self) -> str:
         """Hash the content of the file and its similarity with SHA-256, independently of the name of the file."""
@@ -152,7 +174,7 @@ class PointCloud(Shape):
             self._expansion = (*cloud, *igl.fast_winding_number_precompute(*cloud))
         return igl.fast_winding_number(*self._expansion, queries)
 
-    def _orient(self, count: int = 4000) -> None:
+    def _orient(self, count: int = 4000) -> float:
         """Scale the areas and orient the normals by the winding number on both sides of the points.
 
         The winding number decreases by 1 across correctly scaled disks. Below the disks it is 1 if normals point
@@ -180,66 +202,36 @@ class PointCloud(Shape):
                 "%.0f %% of the normals of %s contradict the others, so distances there may have the wrong sign",
                 *(100 * (1 - consistent), self.path),
             )
+        return consistent
 
 
-def read_points(file: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read points and normals, each of shape (n, 3), from a file without changes.
-
-    Raises:
-        InputError: If the extension is not supported, the content is damaged, or there are no normals.
-    """
-    if file.suffix.lower() not in FORMATS:
-        raise InputError(f"`path` must end in .ply or .xyz, got {file}. Try to convert the points to `.ply`.")
-    if file.stat().st_size == 0:
-        raise InputError(f"{file} must contain points with normals, got an empty file. Try to export it again.")
-    try:
-        rows = _ply_rows(file) if file.suffix.lower() == ".ply" else np.loadtxt(file, ndmin=2, dtype=np.float64)
-    except Exception as error:  # readers raise various exceptions for damaged files
-        raise InputError(
-            f"{file} must contain points in the format of its extension, got {type(error).__name__}: "
-            f"{str(error)[:80]}. Try to export it again; the file may be truncated."
-        ) from error
-    if rows.shape[1] < 6:
-        raise InputError(
-            f"{file} must have the normals nx, ny, nz of every point, got none. Try a cloud with normals, or "
-            "`shape@source=mesh` for a mesh."
-        )
-    return rows[:, :3], rows[:, 3:6]
-
-
-def _ply_rows(file: Path) -> np.ndarray:
-    """Read the columns x, y, z, nx, ny, nz of the vertices, or only x, y, z."""
-    cloud = trimesh.load(file, process=False)
-    data = cloud.metadata["_ply_raw"]["vertex"]["data"]
-    names = data.dtype.names if isinstance(data, np.ndarray) else list(data)
-    columns = [c for c in ("x", "y", "z", "nx", "ny", "nz") if c in names]
-    return np.stack([np.asarray(data[c], dtype=np.float64).reshape(-1) for c in columns], 1)
-
-
-def clean_points(points: np.ndarray, normals: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Remove duplicate points and points without a normal, and normalize the normals.
+def clean_points(points: np.ndarray, normals: np.ndarray | None, name: str) -> tuple[np.ndarray, np.ndarray | None]:
+    """Remove duplicate points and points whose normal is zero, and normalize the normals if there are any.
 
     Args:
         points: Points, shape (n, 3).
-        normals: Normals of any length, shape (n, 3).
+        normals: Normals of any length, shape (n, 3), or None.
         name: Name of the file, for messages.
 
     Raises:
         InputError: If a number is not finite, or too few points remain.
     """
-    if bad := int((~np.isfinite(np.concatenate([points, normals], 1))).any(1).sum()):
-        raise InputError(f"{name} must have finite points and normals, got {bad} that are not. Try to export it again.")
-    length = np.linalg.norm(normals, axis=1)
-    if lost := int((length < 1e-6).sum()):
-        log.warning("%d of %d points of %s have no normal and are ignored", lost, len(points), name)
-    points, normals = points[length >= 1e-6], normals[length >= 1e-6] / length[length >= 1e-6, None]
+    rows = points if normals is None else np.concatenate([points, normals], 1)
+    if bad := int((~np.isfinite(rows)).any(1).sum()):
+        raise InputError(f"{name} must have finite points and normals, got {bad} not finite. Try to export it again.")
+    if normals is not None:
+        length = np.linalg.norm(normals, axis=1)
+        if lost := int((length < 1e-6).sum()):
+            log.warning("%d of %d points of %s have no normal and are ignored", lost, len(points), name)
+        points, normals = points[length >= 1e-6], normals[length >= 1e-6] / length[length >= 1e-6, None]
     points, first = np.unique(points, axis=0, return_index=True)
     if len(points) < 4 * _NEIGHBORS:
+        with_normals = "" if normals is None else " with normals"
         raise InputError(
-            f"{name} must have at least {4 * _NEIGHBORS} distinct points with normals, got {len(points)}. Try a denser "
+            f"{name} must have at least {4 * _NEIGHBORS} distinct points{with_normals}, got {len(points)}. Try a denser "
             "cloud."
         )
-    return points, normals[first]
+    return points, None if normals is None else normals[first]
 
 
 def point_areas(tree: cKDTree) -> np.ndarray:

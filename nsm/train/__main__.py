@@ -20,7 +20,8 @@ from nsm.cli import entry
 from nsm.cli.files import whole_file
 from nsm.cli.runtime import keep_freed_memory
 from nsm.cli.settings import choice, use_threads, whole_number
-from nsm.io.checkpoint import build, describe
+from nsm.io.build import build
+from nsm.io.checkpoint import describe
 from nsm.sampling import Fractions, MorphSampler
 from nsm.train.callbacks import Checkpoints, ExitOnSignal, Progress, StopOnSignal
 from nsm.train.optimal_transport import transport_run

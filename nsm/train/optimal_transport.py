@@ -13,7 +13,7 @@ import torch
 
 from nsm.cli.files import whole_file
 from nsm.cli.progress import Progress
-from nsm.io.checkpoint import describe
+from nsm.io.checkpoint import describe, save_morph
 from nsm.io.mesh import write_mesh
 from nsm.metrics import even_times, volume_curve
 from nsm.morphs.optimal_transport.solver import OptimalTransport
@@ -56,11 +56,9 @@ def transport_run(
 
         morph = method.morph(source, target, config["seed"], tell)
         computing = time.monotonic() - begin
-        state = {f"morph.{name}": value for name, value in morph.state_dict().items()}
-        content = {"nsm": describe(method.model(morph), config, provenance), "state_dict": state}
         for name in ("best", "last"):
-            with whole_file(folder / "checkpoints" / f"{name}.ckpt") as temporary:
-                torch.save(content, temporary)
+            entry = describe(method.model(morph), config, provenance)
+            save_morph(folder / "checkpoints" / f"{name}.ckpt", morph, entry)
 
         tell("volume over time")
         curve = volume_curve(morph, even_times(config["task"]["volume_times"]), config["task"]["volume_resolution"])

@@ -137,4 +137,4 @@ def test_a_morph_given_as_a_shape(capsys: pytest.CaptureFixture[str], folder: Pa
     assert train_here(*BARE, "steps=1", "validations=1", f"hydra.run.dir={other}") == 0
     capsys.readouterr()
     sentence = refused(capsys, folder, "shape@source=fitted", f"source.path={other}")
-    assert "holds a morph, not a single shape: give the checkpoint of a run with task=sdf" in sentence
+    assert "it must be the checkpoint of a run with `task=sdf`, got a NeuralMorph. Try another run." in sentence

@@ -164,8 +164,8 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ((), "no morph is named: type python -m nsm.evaluate checkpoint=PATH"),
-        (("official=teapot",), "official=teapot is no morph that the authors published"),
+        ((), "Try `python -m nsm.evaluate checkpoint=outputs/demo`"),
+        (("official=teapot",), "`official` must be one of kitten_fandisk"),
         (("official=kitten_fandisk", "times=1"), "`times` must be an integer of at least 2, got 1"),
         (("official=kitten_fandisk", "times=2.5"), "`times` must be an integer of at least 2, got 2.5"),
         (

@@ -347,7 +347,7 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (("checkpoint=null",), "no morph is named: type python -m nsm.export checkpoint=PATH"),
+        (("checkpoint=null",), "Try `python -m nsm.export checkpoint=outputs/demo`"),
         (("times=0",), "`times` must be a number of times or a list of times from 0 to 1, got 0"),
         (("times=-3",), "`times` must be a number of times or a list of times from 0 to 1, got -3"),
         (("times=2.5",), "`times` must be a number of times or a list of times from 0 to 1, got 2.5"),
@@ -372,7 +372,7 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("frame=world",), "frame=world is not known: give one of morph, source, target"),
         (("threads=-1",), "`threads` must be a positive integer, got -1"),
         (("ends=mesh",), "`ends` must be exact or network, got mesh. Try `ends=exact`."),
-        (("checkpoint=null", "official=cow_dog"), "official=cow_dog is no morph that the authors published"),
+        (("checkpoint=null", "official=cow_dog"), "`official` must be one of kitten_fandisk"),
         (("output=a.ckpt",), "cannot be written"),
     ],
 )

@@ -14,7 +14,9 @@ from torch import nn
 import nsm
 from nsm.cli.errors import InputError
 from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
-from nsm.io.checkpoint import FORMAT, build, load_morph, read_checkpoint
+from nsm.io.build import build
+from nsm.io.checkpoint import FORMAT, load_morph, read_checkpoint
+from nsm.morphs.growth import Growth
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball
 
@@ -98,15 +100,15 @@ def test_the_gradient_of_a_morph_is_its_derivative(file: Path) -> None:
 
 def test_points_or_times_of_another_shape_meet_a_sentence(file: Path) -> None:
     morph = load_morph(file)
-    with pytest.raises(ValueError, match=r"x has shape \(7, 3\), but this morph takes points of shape \(n, 2\)"):
+    with pytest.raises(ValueError, match=r"`x` must have shape \(n, 2\), got \(7, 3\)\."):
         morph._spacetime(torch.rand(7, 3), 0.0)
-    with pytest.raises(ValueError, match=r"t has shape \(5,\), but must be one number or of shape \(7,\)"):
+    with pytest.raises(ValueError, match=r"`t` must be one time or have shape \(7,\), got \(5,\)\."):
         morph._spacetime(torch.rand(7, 2), torch.rand(5))
 
 
 def test_a_folder_means_its_best_checkpoint_and_else_its_last(tmp_path: Path) -> None:
     (tmp_path / "checkpoints").mkdir()
-    with pytest.raises(InputError, match=r"holds no checkpoints/best.ckpt: give a checkpoint, or the folder of a"):
+    with pytest.raises(InputError, match=r"which has no checkpoints/best.ckpt\. Try the folder of a finished run"):
         load_morph(tmp_path)
     for name in ("last", "best"):
         save(content(), tmp_path / "checkpoints" / f"{name}.ckpt")
@@ -115,7 +117,7 @@ def test_a_folder_means_its_best_checkpoint_and_else_its_last(tmp_path: Path) ->
 
 
 def test_no_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"there is no checkpoint .*none.ckpt: give the path"):
+    with pytest.raises(InputError, match=r"must be an existing file or folder, got .*none.ckpt\. Try"):
         load_morph(tmp_path / "none.ckpt")
 
 
@@ -123,14 +125,14 @@ def test_no_file(tmp_path: Path) -> None:
 def test_a_file_that_is_empty_or_cut(part: float, file: Path) -> None:
     whole = file.read_bytes()
     file.write_bytes(whole[: int(part * len(whole))])
-    with pytest.raises(InputError, match=r"a.ckpt cannot be read as a checkpoint: it is cut, or not one"):
+    with pytest.raises(InputError, match=r"a.ckpt must be a complete checkpoint .*, got a file that cannot be read"):
         load_morph(file)
 
 
 @pytest.mark.parametrize("data", [b"a text\n", b"\x80\x02.", b"PK\x03\x04 no archive", bytes(1000)])
 def test_a_file_of_another_kind(data: bytes, file: Path) -> None:
     file.write_bytes(data)
-    with pytest.raises(InputError, match=r"a.ckpt (cannot be read as|is not) a checkpoint"):
+    with pytest.raises(InputError, match=r"a.ckpt must be a (complete )?checkpoint"):
         load_morph(file)
 
 
@@ -139,13 +141,13 @@ def test_a_file_of_another_kind(data: bytes, file: Path) -> None:
 )
 def test_a_file_of_torch_that_is_no_checkpoint_of_nsm(other: Any, file: Path) -> None:
     torch.save(other, file)
-    with pytest.raises(InputError, match="is not a checkpoint of nsm"):
+    with pytest.raises(InputError, match="must be a checkpoint of nsm, got another file of torch"):
         load_morph(file)
 
 
 def test_another_format_says_which_version_wrote_it(file: Path) -> None:
     save(content(format=99, version="7.8"), file)
-    with pytest.raises(InputError, match=r"checkpoint format 99 \(written by nsm 7.8\).* reads format 1: load it with"):
+    with pytest.raises(InputError, match=r"format 1 for nsm .*, got format 99\. Try nsm 7\.8, which wrote it"):
         load_morph(file)
 
 
@@ -158,7 +160,7 @@ def test_another_format_says_which_version_wrote_it(file: Path) -> None:
         [],
         {"_target_": "nsm.fields.ScalarSiren"},
         {**MODEL, "field": {**MODEL["field"], "hidden_features": 9}},
-        {**MODEL, "field": {**MODEL["field"], "colour": "red"}},
+        {**MODEL, "field": {**MODEL["field"], "color": "red"}},
         {**MODEL, "field": {**MODEL["field"], "hidden_layers": "two"}},
         {**MODEL, "field": {**MODEL["field"], "hidden_features": -3}},
         {**MODEL, "field": None},
@@ -175,7 +177,7 @@ def test_weights_that_are_missing(file: Path) -> None:
     whole = content()
     del whole["state_dict"]["morph.field.linears.0.weight"]
     save(whole, file)
-    with pytest.raises(InputError, match="is damaged: its weights do not fit the model"):
+    with pytest.raises(InputError, match="must hold weights that fit its model"):
         load_morph(file)
 
 
@@ -199,7 +201,7 @@ def test_code_hidden_in_a_file_does_not_run(place: str, file: Path, tmp_path: Pa
         "loops": {**content(), "loops": bomb},
     }[place]
     torch.save(hostile, file)
-    with pytest.raises(InputError, match="cannot be read as a checkpoint"):
+    with pytest.raises(InputError, match="must be a complete checkpoint"):
         load_morph(file)
     assert not marker.exists()
 
@@ -215,9 +217,10 @@ def test_code_hidden_in_a_file_does_not_run(place: str, file: Path, tmp_path: Pa
         "nsm.io.checkpoint.os.system",
         "nsm.cli.files.os.system",
         "nsm.io.checkpoint.torch.load",
-        "nsm.io.checkpoint.importlib.import_module",
+        "nsm.io.build.importlib.import_module",
+        "nsm.io.build.nn.Linear",
         "nsm.io.checkpoint.describe",
-        "nsm.io.checkpoint.nn.Linear",
+        "nsm.io.checkpoint.nn.Module",
         "nsm.io.checkpoint.Path",
         "nsm.io.mesh.write_mesh",
         "nsm.losses.LevelSet",
@@ -249,7 +252,7 @@ def test_a_name_that_is_no_module_of_ours_is_not_called(target: Any, place: str,
         "source": {**MODEL, "source": node},
     }[place]
     save(content(model=model), file)
-    with pytest.raises(InputError, match=r"a checkpoint names .*, which is no network, field or shape of nsm: do not"):
+    with pytest.raises(InputError, match=r"a.ckpt cannot be loaded: `_target_` must be a Module .*, got .*\. Try"):
         load_morph(file)
     assert not marker.exists()
 
@@ -266,7 +269,7 @@ def test_the_checkpoint_of_a_still_shape_is_no_morph(tmp_path: Path, monkeypatch
     monkeypatch.setenv("NSM_CACHE_DIR", str(tmp_path / "cache"))
     run = tmp_path / "run"
     assert train_here(*STILL, "sdf.steps=2", f"hydra.run.dir={run}") == 0
-    with pytest.raises(InputError, match="holds a still shape, not a morph: give the checkpoint of a run with task=mo"):
+    with pytest.raises(InputError, match="must be the checkpoint of a run with `task=morph`, got a SirenShape"):
         load_morph(run)
 
 
@@ -281,3 +284,25 @@ def test_only_modules_are_built() -> None:
     built = build({"a": [1, {"_target_": "nsm.fields.Gaussian"}], "b": None})
     assert isinstance(built["a"][1], nn.Module)
     assert built["b"] is None
+
+
+def test_a_class_of_another_kind_is_not_built() -> None:
+    growth = {"_target_": "nsm.morphs.growth.VolumeLinear", "dim": 3}
+    assert build(growth, Growth).extremes == (1, 1)
+    with pytest.raises(InputError, match="must be a Module of nsm"):
+        build(growth)
+    with pytest.raises(InputError, match=r"must be a Growth of nsm .*, got 'nsm\.fields\.Gaussian'"):
+        build({"_target_": "nsm.fields.Gaussian"}, Growth)
+
+
+def test_every_name_is_checked_before_the_first_class_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[object] = []
+    monkeypatch.setattr(Gaussian, "__init__", lambda self, **settings: made.append(self))
+    with pytest.raises(InputError, match=r"got 'os\.system'"):
+        build([{"_target_": "nsm.fields.Gaussian"}, {"_target_": "os.system", "command": "true"}])
+    assert not made
+
+
+def test_a_morph_remembers_where_its_shapes_come_from(file: Path) -> None:
+    save(content(provenance={"source": {"kind": "mesh", "scale": 0.9}}), file)
+    assert load_morph(file).provenance == {"source": {"kind": "mesh", "scale": 0.9}}

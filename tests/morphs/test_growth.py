@@ -16,8 +16,8 @@ from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.geometry.meshing import extract_surface, open_sides
 from nsm.geometry.volume import volume
-from nsm.io.loading import load_morphs
-from nsm.morphs.growth import Grown, Growth, ScaleLinear, SmoothStep, Table, VolumeLinear, build_growth
+from nsm.io.loading import build_growth, load_morphs
+from nsm.morphs.growth import Grown, Growth, ScaleLinear, SmoothStep, Table, VolumeLinear
 from nsm.morphs.surfaces import initial_volume
 from nsm.shapes import SirenFile, equal_volume, primitive
 from nsm.types import Morph
@@ -257,35 +257,47 @@ def test_official_shapes_of_different_volume_have_it_back_at_the_ends(data_dir: 
     assert volume(partial(grown, t=1.0), grown.bounds, 40) == pytest.approx(ends.volume * relative[1], rel=5e-3)
 
 
+ROOM = "nsm.morphs.growth"
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"_target_": "nsm.morphs.growth.VolumeLinear", "source": -1.0}, "growth.source has the volume -1"),
-        ({"_target_": "nsm.morphs.growth.ScaleLinear", "target": 0}, "growth.target has the volume 0"),
-        ({"_target_": "nsm.morphs.growth.SmoothStep", "target": float("inf")}, "growth.target has the volume inf"),
-        ({"_target_": "nsm.morphs.growth.SmoothStep", "target": "much"}, "'much'"),
-        ({"_target_": "nsm.morphs.growth.VolumeLinear", "source": True}, "True, which is no number"),
-        ({"_target_": "nsm.morphs.growth.VolumeLinear", "speed": 1.0}, "cannot be made of"),
-        ({"_target_": "nsm.morphs.growth.Explosive"}, "cannot be made of"),
-        ({"_target_": "nowhere.Growth"}, "cannot be made of"),
-        ({"_target_": "builtins.dict"}, "no subclass of nsm.morphs.growth.Growth"),
-        ({"_target_": "nsm.morphs.growth.Growth"}, "cannot be made of"),
-        ({"_target_": "nsm.morphs.growth.Table", "times": [0, 1], "volumes": [1]}, "2 entries and growth.volumes 1"),
-        ({"_target_": "nsm.morphs.growth.Table", "times": [0, 2], "volumes": [1, 2]}, "do not increase from 0 to 1"),
         (
-            {"_target_": "nsm.morphs.growth.Table", "times": [0, 0.5, 0.5, 1], "volumes": [1, 2, 3, 4]},
-            "do not increase",
+            {"_target_": f"{ROOM}.VolumeLinear", "source": -1.0},
+            "`growth.source` must be positive and finite, got -1",
         ),
-        ({"_target_": "nsm.morphs.growth.Table", "times": [], "volumes": []}, "do not increase"),
-        ({"_target_": "nsm.morphs.growth.Table", "times": 3, "volumes": [1]}, "3"),
+        ({"_target_": f"{ROOM}.ScaleLinear", "target": 0}, "`growth.target` must be positive and finite, got 0"),
+        ({"_target_": f"{ROOM}.SmoothStep", "target": float("inf")}, "`growth.target` must be positive and finite"),
+        ({"_target_": f"{ROOM}.SmoothStep", "target": "much"}, "much"),
         (
-            {"_target_": "nsm.morphs.growth.Table", "times": [0, 0.5, 1], "volumes": [1, None, 1]},
-            "None, which is no number",
+            {"_target_": f"{ROOM}.VolumeLinear", "source": True},
+            "`growth.source` must be positive and finite, got True",
         ),
+        (
+            {"_target_": f"{ROOM}.VolumeLinear", "speed": 1.0},
+            "must have the arguments of",
+        ),
+        ({"_target_": f"{ROOM}.Explosive"}, "must be a Growth of nsm"),
+        ({"_target_": "nowhere.Growth"}, "must be a Growth of nsm"),
+        ({"_target_": "builtins.dict"}, "must be a Growth of nsm that reads no other file, got 'builtins.dict'"),
+        ({"_target_": f"{ROOM}.Growth"}, "must have the arguments of"),
+        (
+            {"_target_": f"{ROOM}.Table", "times": [0, 1], "volumes": [1]},
+            "must be 2 volumes, one for each time, got [1]",
+        ),
+        (
+            {"_target_": f"{ROOM}.Table", "times": [0, 2], "volumes": [1, 2]},
+            "must be a list from 0 to 1, got [0.0, 2.0]",
+        ),
+        ({"_target_": f"{ROOM}.Table", "times": [0, 0.5, 0.5, 1], "volumes": [1, 2, 3, 4]}, "increasing numbers"),
+        ({"_target_": f"{ROOM}.Table", "times": [], "volumes": []}, "must be a list from 0 to 1, got []"),
+        ({"_target_": f"{ROOM}.Table", "times": 3, "volumes": [1]}, "3"),
+        ({"_target_": f"{ROOM}.Table", "times": [0, 0.5, 1], "volumes": [1, None, 1]}, "got nothing"),
     ],
 )
-def test_impossible_growths_are_named_in_a_sentence(settings, words):
+def test_invalid_growths_are_rejected_with_something_to_try(settings, words):
     with pytest.raises(InputError) as refused:
         build_growth(settings, 3)
     assert words in sentence(str(refused.value))
-    assert "give" in str(refused.value)
+    assert "Try" in str(refused.value)

@@ -218,7 +218,7 @@ def test_every_point_may_have_its_own_time(morph: TransportMorph) -> None:
         torch.testing.assert_close(values[times == t], morph(x, t)[times == t])
         torch.testing.assert_close(gradients[times == t], morph.gradient(x, t)[times == t])
     assert morph(x[:0], times[:0]).shape == (0,)
-    with pytest.raises(ValueError, match="x has shape"):
+    with pytest.raises(ValueError, match="`x` must have shape"):
         morph(x[:, :1], 0.5)
 
 
@@ -249,7 +249,7 @@ def test_a_copy_and_what_it_is_loaded_with_are_its_own() -> None:
 
 def test_a_volume_that_no_threshold_gives_is_refused() -> None:
     ball = Ball(0.3, [0.0, 0.0])
-    with pytest.raises(InputError, match="not the volume 100 of the source at any threshold"):
+    with pytest.raises(InputError, match="narrow enough to show the volume 100 of the source"):
         TransportMorph(ball, ball, 10, 0.1, 32, [100.0, 100.0]).calibrate()
 
 
@@ -307,11 +307,11 @@ def test_a_run_is_evaluated_like_any_other(finished: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("points=0", "task.transport.points=0 cannot be"),
-        ("anchors=9999999", "anchors=9999999 are more than the points"),
-        ("blur=0", "task.transport.blur=0 is no width"),
-        ("scaling=1.0", "task.transport.scaling=1.0 never comes"),
-        ("kernel=0.001", "is narrower than the cells of its grid"),
+        ("points=0", "`task.transport.points` must be a positive integer, got 0"),
+        ("anchors=9999999", "`task.transport.anchors` must be at most `task.transport.points`, 4000, got 9999999"),
+        ("blur=0", "`task.transport.blur` must be a number between 0 and 1, got 0"),
+        ("scaling=1.0", "`task.transport.scaling` must be a number between 0 and 1, got 1.0"),
+        ("kernel=0.001", "must be at least the width of a cell"),
     ],
 )
 def test_bad_settings_are_told_in_a_sentence(
@@ -327,5 +327,5 @@ def test_a_shape_without_an_inside_is_refused() -> None:
         def forward(self, x: Tensor) -> Tensor:
             return super().forward(x).abs() + 1
 
-    with pytest.raises(InputError, match="too few to fill it"):
+    with pytest.raises(InputError, match="must have an inside to be filled"):
         points_inside(Empty(0.3, [0.0, 0.0]), 10, seed=0)

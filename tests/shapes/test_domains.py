@@ -16,7 +16,7 @@ from torch.func import jacrev, vmap
 
 from nsm.cli.errors import InputError
 from nsm.fields import ScalarSiren
-from nsm.io.checkpoint import build
+from nsm.io.build import build
 from nsm.shapes import Ball, MeshFile, MeshShape, PointCloud, Similarity, SirenFile, SirenShape
 from nsm.train.tasks import prepare_ends, starting_network
 from nsm.train.tasks.fit import SdfFit, realise

@@ -1,4 +1,4 @@
-"""Methods of others that need no training: optimal transport."""
+"""Morphs by optimal transport between two shapes, which need no training."""
 
 from nsm.morphs.optimal_transport.entropic import EntropicMap, entropic_maps
 from nsm.morphs.optimal_transport.morph import TransportMorph

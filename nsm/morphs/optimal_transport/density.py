@@ -1,4 +1,4 @@
-"""Points inside shapes, the density of moving points on a grid, and the distance that a density tells."""
+"""Points inside shapes, the density of points on a grid, and the signed distance that a density implies."""
 
 from __future__ import annotations
 
@@ -13,24 +13,32 @@ from nsm.cli.errors import InputError
 from nsm.geometry.grid import Lattice, evaluate
 from nsm.shapes import FieldShape
 
-#: Candidates drawn at once.
+#: Number of candidates drawn at once.
 _DRAWN = 1 << 16
-#: A shape that takes up less of its own bounding box than this cannot be filled by trial.
+#: Share of its own bounding box below which a shape cannot be filled by rejection sampling.
 _LEAST_SHARE = 1e-4
-#: Widths of the kernel from the surface within which a density tells the distance; beyond, it is taken for this far.
+#: Distance from the surface, in widths of the kernel, up to which a density implies the distance.
 REACH = 3.0
 #: Variance of the hat function of linear weights, in squared cells.
 _HAT_VARIANCE = 1 / 6
 
 
 def points_inside(shape: FieldShape, count: int, seed: int) -> Float[Tensor, "n d"]:
-    """Points uniform in {g < 0}: a scrambled Sobol sequence in the shape's bounding box, less what lies outside.
+    """Draw points uniformly in {g < 0}: a scrambled Sobol sequence in the bounding box, without the points outside.
 
-    Any first part of them is uniform too, and both are more even than independent points: their density shows the
-    shape with fewer of them.
+    The first m of them are uniform for every m. They are more even than independent points, so that fewer suffice for
+    the same density.
+
+    Args:
+        shape: Shape with the signed distance g.
+        count: Number of points n.
+        seed: Seed of the scrambling.
+
+    Returns:
+        Points, shape (n, d).
 
     Raises:
-        InputError: if next to nothing of the box is inside.
+        InputError: If hardly any point of the bounding box lies inside.
     """
     low, high = shape.bounds()
     sequence = torch.quasirandom.SobolEngine(shape.dim, scramble=True, seed=seed)
@@ -42,14 +50,20 @@ def points_inside(shape: FieldShape, count: int, seed: int) -> Float[Tensor, "n 
         found, drawn = found + len(kept[-1]), drawn + _DRAWN
         if found < _LEAST_SHARE * drawn:
             raise InputError(
-                f"of {drawn} points around the {shape.provenance()['kind']} {found} lie inside, too few to fill it: "
-                "give a shape with an inside"
+                f"The {shape.provenance()['kind']} must have an inside to be filled with points, got {found} of "
+                f"{drawn} points inside. Try a closed surface."
             )
     return torch.cat(kept)[:count]
 
 
 def padded_lattice(bounds: Float[Tensor, "2 d"], resolution: int, kernel: float) -> Lattice:
-    """Corners of the cells of a box, with enough cells around it that a kernel at its faces loses nothing."""
+    """Make the lattice of the corners of cells of a box, padded so that a kernel at its faces lies inside.
+
+    Args:
+        bounds: Corners of the box, shape (2, d).
+        resolution: Number of cells along its longest edge.
+        kernel: Width σ of the kernel, in units of length.
+    """
     inner = Lattice.corners(bounds, resolution)
     around = torch.ceil((REACH + 1) * kernel / inner.step)
     shape = tuple(n + 2 * int(m) for n, m in zip(inner.shape, around, strict=True))
@@ -57,9 +71,17 @@ def padded_lattice(bounds: Float[Tensor, "2 d"], resolution: int, kernel: float)
 
 
 def histogram(points: Float[Tensor, "n d"], masses: Float[Tensor, " n"], lattice: Lattice) -> Float[Tensor, " *shape"]:
-    """Mass at each point of a lattice; every point gives to the 2^d around it with linear weights, and nothing is lost.
+    """Distribute the mass of points to the 2^d lattice points around each, with multilinear weights.
 
-    Points beyond the lattice are counted at its rim.
+    The total mass is preserved; points beyond the lattice are counted at its boundary.
+
+    Args:
+        points: Points, shape (n, d).
+        masses: Mass of each, shape (n,).
+        lattice: The lattice.
+
+    Returns:
+        Mass at each point of the lattice.
     """
     last = torch.tensor(lattice.shape, device=points.device) - 1
     place = ((points - lattice.origin) / lattice.step).clamp(min=0).minimum(last.to(points))
@@ -75,9 +97,10 @@ def histogram(points: Float[Tensor, "n d"], masses: Float[Tensor, " n"], lattice
 
 
 def kernel_density(mass: Float[Tensor, " *shape"], lattice: Lattice, kernel: float) -> Float[Tensor, " *shape"]:
-    """Density (mass per volume) of a `histogram`, smoothed so that each point becomes a Gaussian of width ``kernel``.
+    """Smooth a `histogram` to a density (mass per volume) in which each point is a Gaussian of width σ = ``kernel``.
 
-    The linear weights have smoothed with h²/6 along each axis already; the filter adds what is missing to kernel².
+    The multilinear weights already smooth with variance h²/6 along each axis, h the width of a cell. The filter adds
+    the variance that is missing to σ².
     """
     cells = ((kernel / lattice.step) ** 2 - _HAT_VARIANCE).clamp(min=0).sqrt().tolist()
     smooth = gaussian_filter(mass.cpu().numpy(), cells, mode="constant", truncate=REACH + 1)
@@ -85,11 +108,15 @@ def kernel_density(mass: Float[Tensor, " *shape"], lattice: Lattice, kernel: flo
 
 
 def distance_of_density(relative: Float[Tensor, " *shape"], kernel: float) -> Float[Tensor, " *shape"]:
-    """Signed distance from the surface of a shape, from its density relative to that of its inside.
+    """Compute the signed distance from the surface of a shape from its density relative to that of its inside.
 
-    A half space smoothed by a Gaussian of width σ has ρ(s) = Φ(−s/σ) at the distance s from its surface, Φ the normal
-    distribution; so s = −σ Φ⁻¹(ρ), which is cut off at ±`REACH` σ. Near a surface of curvature κ it is right up to
-    terms of order σ²κ.
+    A half space smoothed by a Gaussian of width σ has ρ(s) = Φ(−s/σ) at distance s from its surface, where Φ is the
+    standard normal distribution function. Hence s = −σ Φ⁻¹(ρ), clamped to ±`REACH` σ. Near a surface of curvature κ
+    the error is of order σ²κ.
+
+    Example:
+        >>> distance_of_density(torch.tensor([0.1587, 0.8413]), kernel=0.1)
+        tensor([ 0.1000, -0.1000])
     """
     least = torch.special.ndtr(torch.tensor(-REACH, dtype=torch.double)).item()
     return -kernel * torch.special.ndtri(relative.clamp(least, 1 - least))

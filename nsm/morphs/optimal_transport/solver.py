@@ -1,9 +1,9 @@
-"""A morph by optimal transport: every point of one shape goes straight to one of the other, the least far on the whole.
+"""Morphs by optimal transport: every point of one shape moves straight to a point of the other, at least total cost.
 
-The method that the paper compares with: GeomLoss between points drawn in both shapes, displacement interpolation
-x(t) = (1 − t) x + t T(x), kernel density and a threshold. GeomLoss without KeOps holds whole matrices, and with as many
-points as a surface needs these fit into no memory; so it solves between some of the points, the anchors, and the
-potentials that it finds carry all points (`nsm.morphs.optimal_transport.entropic`).
+This is a method that the paper compares with: GeomLoss between points drawn in both shapes, displacement interpolation
+x(t) = (1 − t) x + t T(x), kernel density, and a threshold. GeomLoss without KeOps holds whole matrices, which do not
+fit into memory for as many points as a surface needs. The problem is therefore solved between some of the points, the
+anchors, and the resulting potentials move all points (`nsm.morphs.optimal_transport.entropic`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import torch
 
-from nsm.cli.errors import InputError
+from nsm.cli.settings import between, invalid, whole_number
 from nsm.morphs.optimal_transport.density import points_inside
 from nsm.morphs.optimal_transport.entropic import entropic_maps
 from nsm.morphs.optimal_transport.morph import TransportMorph
@@ -23,18 +23,18 @@ from nsm.shapes import FieldShape
 
 @dataclass(frozen=True)
 class OptimalTransport:
-    """How two shapes become a `TransportMorph`.
+    """Settings of optimal transport, which turn two shapes into a `TransportMorph`.
 
     Attributes:
-        points: drawn in each shape.
-        anchors: the first of them, between which the transport is solved; memory grows with their square.
-        blur: width below which the plan does not resolve places; no smaller than the distance between anchors.
-        scaling: between 0 and 1; the nearer to 1, the more iterations.
-        kernel: width of the Gaussian that makes a density of points; details smaller than it are lost.
-        resolution: cells of the grid of densities along the box.
+        points: Number of points drawn in each shape.
+        anchors: Number of points between which optimal transport is solved; memory grows with its square.
+        blur: Width below which the plan does not resolve places, no smaller than the distance between anchors.
+        scaling: Ratio of successive widths down to ``blur``; values nearer to 1 take more iterations.
+        kernel: Width of the Gaussian that turns points into a density; details smaller than it are lost.
+        resolution: Cells of the grid of densities along the box.
 
     Raises:
-        InputError: for a setting out of its range.
+        InputError: If a setting is out of range.
     """
 
     points: int
@@ -45,26 +45,13 @@ class OptimalTransport:
     resolution: int
 
     def __post_init__(self) -> None:
-        for name, least in (("points", 1), ("anchors", 1), ("resolution", 8)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or value < least:
-                raise InputError(f"task.transport.{name}={value} cannot be: give a whole number of at least {least}")
-        for name in ("blur", "kernel"):
-            if not 0 < getattr(self, name) < 1:
-                raise InputError(
-                    f"task.transport.{name}={getattr(self, name)} is no width in the box [−1, 1]^d: give a number "
-                    "between 0 and 1, such as 0.03"
-                )
-        if not 0 < self.scaling < 1:
-            raise InputError(
-                f"task.transport.scaling={self.scaling} never comes from the size of the box to blur: give a number "
-                "between 0 and 1, such as 0.8"
-            )
+        for name, least, example in (("points", 1, 300000), ("anchors", 1, 5000), ("resolution", 8, 200)):
+            whole_number(f"task.transport.{name}", getattr(self, name), least, example)
+        for name, width in (("blur", 0.05), ("scaling", 0.8), ("kernel", 0.02)):
+            between(f"task.transport.{name}", getattr(self, name), 0, 1, width)
         if self.anchors > self.points:
-            raise InputError(
-                f"task.transport.anchors={self.anchors} are more than the points they are taken from: give at most "
-                f"task.transport.points, which is {self.points}"
-            )
+            requirement = f"at most `task.transport.points`, {self.points}"
+            raise invalid("task.transport.anchors", requirement, self.anchors, self.points)
 
     def morph(
         self,
@@ -73,30 +60,34 @@ class OptimalTransport:
         seed: int,
         progress: Callable[[str], None] = lambda stage: None,
     ) -> TransportMorph:
-        """Draw points in both shapes, find where each goes, and choose the threshold.
+        """Draw points in both shapes, find where each one moves, and choose the threshold of density.
 
         Args:
-            source, target: shapes of one dimension.
-            seed: of the points.
-            progress: is told the name of each stage as it begins.
+            source: Shape at t = 0.
+            target: Shape at t = 1, of the same dimension.
+            seed: Seed of the points.
+            progress: Called with the name of each stage when it begins.
+
+        Raises:
+            InputError: If a shape cannot be filled with points, or no threshold gives the volume of the source.
         """
         volumes = (source.volume(), target.volume())
         morph = TransportMorph(source, target, self.points, self.kernel, self.resolution, volumes)
         progress(f"drawing {self.points} points in each shape")
         x, y = points_inside(source, self.points, seed), points_inside(target, self.points, seed + 1)
-        progress(f"transport between {self.anchors} of them")
+        progress(f"optimal transport between {self.anchors} anchors")
         forth, back = entropic_maps(x[: self.anchors], y[: self.anchors], self.blur, self.scaling)
-        progress("where the points of the source go")
+        progress("moving points of the source")
         there = forth(x)
-        progress("where those of the target come from")
+        progress("moving points of the target")
         morph.starts.copy_(torch.stack([x, back(y)]))
         morph.stops.copy_(torch.stack([there, y]))
-        progress("the threshold")
+        progress("choosing the threshold")
         morph.calibrate()
         return morph
 
     def model(self, morph: TransportMorph) -> dict[str, Any]:
-        """How to build a morph again, for a checkpoint (`nsm.io.checkpoint.describe`)."""
+        """Config from which `nsm.io.build.build` makes the morph again, without its points."""
         return {
             "_target_": "nsm.morphs.optimal_transport.TransportMorph",
             "source": morph.source.config(),

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
+from nsm.io.checkpoint import ENTRY
 from nsm.losses import BatchEvaluation, WeightedSum
 from nsm.sampling import Batch
 
@@ -40,7 +41,7 @@ class FieldTask(L.LightningModule):
         self.step_scale = 1.0
         #: The loss and its terms at the last step, under the names by which they are logged.
         self.latest: dict[str, Tensor] = {}
-        #: Plain values that a checkpoint carries under ``nsm`` (`nsm.io.checkpoint.describe`).
+        #: Entry that makes a checkpoint describe itself (`nsm.io.checkpoint.describe`).
         self.description: dict[str, Any] = {}
 
     def evaluation(self, batch: Batch) -> BatchEvaluation:
@@ -80,7 +81,7 @@ class FieldTask(L.LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Let the checkpoint describe itself."""
-        checkpoint["nsm"] = self.description
+        checkpoint[ENTRY] = self.description
 
     def on_train_start(self) -> None:
         """Apply a smaller step, where training goes on after a collapse."""

@@ -17,9 +17,8 @@ from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
 from nsm.fields import ScalarSiren
-from nsm.io.checkpoint import FORMAT, load_shape
+from nsm.io.checkpoint import FORMAT, load_shape, save_shape
 from nsm.losses import WeightedSum
 from nsm.sampling import Box, Fractions, Pools, SdfSampler
 from nsm.shapes import FieldShape, Shape, Similarity, SirenShape, working_box
@@ -114,9 +113,7 @@ class SdfFit:
         kind = shape.provenance()["kind"]
         log.info("fitting a network to the %s: %d steps, then kept in %s", kind, self.steps, file.parent)
         fitted = self.as_shape(self._fitted(shape), shape)
-        entry = {"format": FORMAT, "model": fitted.config()}
-        with whole_file(file) as temporary:
-            torch.save({"nsm": entry, "state_dict": fitted.state_dict()}, temporary)
+        save_shape(file, fitted)
         return fitted
 
     def _fitted(self, shape: Shape) -> SdfTask:

@@ -1,0 +1,150 @@
+"""Shapes in the plane that are bounded by polygons."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from nsm.geometry.triangles import Triangles
+from nsm.shapes.base import FieldShape
+from nsm.shapes.sampling import sample_mesh_surface, unit_normals
+from nsm.shapes.similarity import Pose, Similarity
+from nsm.types import SimplexMesh, SurfaceSamples
+
+#: Nearer to a segment than this part of the size of the shape, the distance is the height above it, whose gradient is
+#: defined on the segment too.
+_ON_SEGMENT = 1e-5
+#: A closest point this near to a corner, in parts of its segment, is the corner.
+_AT_CORNER = 1e-9
+#: Margin around the shape in which its field is looked at, in parts of its size.
+_MARGIN = 0.05
+
+
+class OutlineShape(FieldShape):
+    """The exact signed distance to closed polygons, which bound one or several pieces with holes.
+
+    The distance is that to the closest point c of the segments; its sign is that of ⟨p − c, n⟩ with n the normal of the
+    segment or, at a corner, the sum of the normals of both.
+
+    Args:
+        corners: How many corners there are. They are part of the state, in double precision and relative to the center
+            of the shape.
+        loops: How many of them each polygon has, one after the other: outlines run counter-clockwise, holes clockwise.
+        pose: From the coordinates of the file to the box.
+        placement: From coordinates relative to the center of the shape to the box.
+        origin: Where the shape comes from (part of the provenance).
+
+    References:
+        Bærentzen and Aanæs, "Signed distance computation using the angle weighted pseudonormal", IEEE TVCG 2005,
+        doi:10.1109/TVCG.2005.49.
+    """
+
+    vertices: Tensor
+    segments: Tensor
+
+    def __init__(
+        self,
+        corners: int,
+        loops: Sequence[int],
+        pose: Pose = None,
+        placement: Pose = None,
+        origin: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(2, Similarity.read(pose, 2), Similarity.read(placement, 2))
+        self.loops, self.origin = [int(count) for count in loops], dict(origin or {"kind": "outline"})
+        self.register_buffer("vertices", torch.zeros(corners, 2, dtype=torch.float64))
+        first = np.repeat(np.cumsum([0, *self.loops[:-1]]), self.loops)
+        own = np.arange(corners) - first
+        following = first + (own + 1) % np.repeat(self.loops, self.loops)
+        self.register_buffer("segments", torch.from_numpy(np.stack([np.arange(corners), following], 1)))
+        self._search: Triangles | None = None
+
+    def local_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
+        """Signed distance, differentiable once."""
+        x = p.double()
+        with torch.no_grad():
+            foot, normal = self._closest(x)
+            size = float((self.vertices.amax(0) - self.vertices.amin(0)).max())
+            height = ((x - foot) * normal).sum(1)
+            on = (x - foot).norm(dim=1) < _ON_SEGMENT * size
+        away = torch.where(on[:, None], normal, x - foot).norm(dim=1)
+        return torch.where(on, ((x - foot) * normal).sum(1), torch.where(height < 0, -away, away)).to(p)
+
+    def local_surface(self) -> SimplexMesh:
+        """The polygons themselves."""
+        return SimplexMesh(self.vertices, self.segments)
+
+    def surface(self) -> SimplexMesh:
+        """The polygons in the box, in the default precision."""
+        vertices = self.placement.apply(self.vertices.double()).to(torch.get_default_dtype())
+        return SimplexMesh(vertices, self.segments)
+
+    def local_box(self) -> Float[Tensor, "2 d"]:
+        """The bounding box with a margin."""
+        low, high = self.vertices.amin(0), self.vertices.amax(0)
+        margin = _MARGIN * (high - low).max()
+        return torch.stack([low - margin, high + margin])
+
+    def volume(self) -> float:
+        """Area by the shoelace formula; holes count negative."""
+        start, end = self.vertices[self.segments].unbind(1)
+        own = float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum()) / 2
+        return self.placement.scale**2 * own
+
+    def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
+        """Points drawn by length on the segments, and the normals of the segments."""
+        mesh = self.surface()
+        points, chosen = sample_mesh_surface(mesh, count, generator)
+        return SurfaceSamples(points, unit_normals(mesh.vertices[mesh.simplices[chosen]]))
+
+    def config(self) -> dict[str, Any]:
+        """Sizes, placement, and origin; the corners are the state."""
+        return {
+            "_target_": "nsm.shapes.OutlineShape",
+            "corners": len(self.vertices),
+            "loops": self.loops,
+            "pose": self.similarity.to_config(),
+            "placement": self.placement.to_config(),
+            "origin": self.origin,
+        }
+
+    def content_key(self) -> str:
+        """SHA-256 of the polygons and their place in the box, from any file."""
+        digest = hashlib.sha256(json.dumps([self.loops, self.placement.to_config()]).encode())
+        digest.update(self.vertices.cpu().numpy().tobytes())
+        return digest.hexdigest()
+
+    def provenance(self) -> dict[str, Any]:
+        """File, hash, and the similarity from its coordinates to the box."""
+        return {**self.origin, "similarity": self.similarity.to_config()}
+
+    def _closest(self, x: Float[Tensor, "n d"]) -> tuple[Tensor, Tensor]:
+        """Closest points (n, 2), and unit vectors (n, 2) whose side tells the sign there."""
+        if self._search is None:
+            corners, (start, end) = self.vertices.double().cpu().numpy(), self.segments.cpu().numpy().T
+            # a segment is a triangle without area, whose search tree is that of triangles in space
+            flat = np.concatenate([corners, np.zeros((len(corners), 1))], 1)
+            self._search = Triangles(flat, np.stack([start, end, end], 1))
+        closest = self._search.closest(nn.functional.pad(x, (0, 1)))
+        foot, chosen = closest.points[:, :2], closest.simplices
+        ends = self.vertices.to(x)[self.segments]
+        normals = unit_normals(ends)
+        before = torch.empty_like(self.segments[:, 0])
+        before[self.segments[:, 1]] = self.segments[:, 0]  # the segment that ends where each begins
+        along = ends[:, 1] - ends[:, 0]
+        share = ((foot - ends[chosen, 0]) * along[chosen]).sum(1) / along[chosen].square().sum(1)
+        normal = normals[chosen]
+        normal = normal + normals[before[chosen]] * (share < _AT_CORNER)[:, None]
+        normal = normal + normals[self.segments[chosen, 1]] * (share > 1 - _AT_CORNER)[:, None]
+        return foot, nn.functional.normalize(normal, dim=1)
+
+    def _load_from_state_dict(self, *args: Any) -> None:
+        super()._load_from_state_dict(*args)
+        self._search = None

@@ -1,0 +1,121 @@
+"""Point clouds read from files, with normals where the file has them."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+
+from nsm.cli.errors import InputError
+from nsm.cli.extras import require
+
+log = logging.getLogger(__name__)
+
+#: Endings of files that can be read.
+POINT_FORMATS = (".ply", ".xyz", ".txt", ".npy", ".las", ".laz")
+#: More points than this are thinned out at random.
+MOST_POINTS = 1_000_000
+
+
+class PointColumns(NamedTuple):
+    """Points (n, 3) as they stand in a file, and their normals (n, 3) if it has any."""
+
+    points: np.ndarray
+    normals: np.ndarray | None
+
+
+def read_points(file: Path) -> PointColumns:
+    """Read the points of a file.
+
+    Raises:
+        InputError: If the ending is unknown, or the content is damaged or no cloud in space.
+    """
+    suffix = file.suffix.lower()
+    if suffix not in POINT_FORMATS:
+        raise InputError(
+            f"The name of a point cloud must end in {', '.join(POINT_FORMATS)}, got '{file.suffix}' ({file}). Try "
+            "`points.ply`."
+        )
+    if file.stat().st_size == 0:
+        raise InputError(f"{file} is empty. Try a file with points in it.")
+    try:
+        rows = _READERS[suffix](file)
+    except InputError:
+        raise
+    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
+        raise InputError(
+            f"{file} cannot be read as a point cloud ({type(error).__name__}: {str(error)[:80]}): it may be cut short "
+            "or of another format. Try exporting it again."
+        ) from error
+    return as_columns(rows, str(file))
+
+
+def as_columns(rows: np.ndarray, name: str) -> PointColumns:
+    """Split rows of three or six numbers into points and normals; colors in place of normals are left out.
+
+    Raises:
+        InputError: If there are not three or six numbers in a row.
+    """
+    if rows.ndim != 2 or rows.shape[1] not in (3, 6):
+        raise InputError(
+            f"{name} must hold rows of three numbers (x y z) or six (x y z nx ny nz), got an array of shape "
+            f"{tuple(rows.shape)}. Try one row per point."
+        )
+    rows = np.asarray(rows, dtype=np.float64)
+    if len(rows) > MOST_POINTS:
+        log.warning("%s has %d points, of which %d are drawn at random", name, len(rows), MOST_POINTS)
+        rows = rows[np.sort(np.random.default_rng(0).choice(len(rows), MOST_POINTS, replace=False))]
+    points, rest = rows[:, :3], rows[:, 3:]
+    if rest.shape[1] and _are_colors(rest):
+        log.warning("columns 4 to 6 of %s are whole numbers up to 255: they are taken for colors, not normals", name)
+        return PointColumns(points, None)
+    return PointColumns(points, rest if rest.shape[1] else None)
+
+
+def _are_colors(columns: np.ndarray) -> bool:
+    """Whether three columns are colors of 8 bits."""
+    whole = bool((columns == np.round(columns)).all())
+    return whole and float(columns.min()) >= 0 and 1 < float(columns.max()) <= 255
+
+
+def _text_rows(file: Path) -> np.ndarray:
+    """Numbers separated by spaces or commas."""
+    with file.open(encoding="utf-8") as lines:
+        return np.loadtxt((line.replace(",", " ") for line in lines), ndmin=2, dtype=np.float64)
+
+
+def _npy_rows(file: Path) -> np.ndarray:
+    return np.asarray(np.load(file, allow_pickle=False))
+
+
+def _ply_rows(file: Path) -> np.ndarray:
+    """Columns x, y, z, nx, ny, nz of the vertices, or x, y, z alone."""
+    cloud = trimesh.load(file, process=False)
+    data = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    names = data.dtype.names if isinstance(data, np.ndarray) else list(data)
+    places, normals = ("x", "y", "z"), ("nx", "ny", "nz")
+    columns = places + normals if set(normals) <= set(names) else places
+    return np.stack([np.asarray(data[c], dtype=np.float64).reshape(-1) for c in columns], 1)
+
+
+def _las_rows(file: Path) -> np.ndarray:
+    needed = ("laspy", "lazrs") if file.suffix.lower() == ".laz" else ("laspy",)
+    require(*needed, extra="lidar", task=f"Reading {file.suffix.lower()}")
+    import laspy
+
+    with laspy.open(file) as reader:
+        content = reader.read()
+    return np.stack([np.asarray(content.x), np.asarray(content.y), np.asarray(content.z)], 1)
+
+
+_READERS = {
+    ".ply": _ply_rows,
+    ".xyz": _text_rows,
+    ".txt": _text_rows,
+    ".npy": _npy_rows,
+    ".las": _las_rows,
+    ".laz": _las_rows,
+}

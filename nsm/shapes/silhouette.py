@@ -1,0 +1,64 @@
+"""Shapes in the plane from pictures: what an image shows, or what a drawing fills."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from nsm.cli.errors import InputError
+from nsm.shapes.download import file_sha256, resolve
+from nsm.shapes.image_outline import IMAGE_FORMATS, image_outline
+from nsm.shapes.outline import OutlineShape
+from nsm.shapes.placing import FilePlacement, centered
+from nsm.shapes.similarity import Pose, Similarity
+from nsm.shapes.svg_outline import svg_outline
+
+#: Endings of files that can be read.
+PICTURE_FORMATS = (*IMAGE_FORMATS, ".svg")
+
+
+class Silhouette(OutlineShape):
+    """The region that a picture shows, with exact distances to its outline; it may have holes and several pieces.
+
+    Coordinates of the file are pixels from the lower left corner of an image, and those of an SVG drawing with y
+    upwards.
+
+    Args:
+        path: Image with transparency or with a background of one brightness, or SVG drawing of filled paths.
+        threshold: Opacity or brightness in (0, 1) at which the inside of an image begins; None finds it.
+        fit: Half of the longest side after fitting; None keeps the coordinates of the file.
+        pose: Rotation, translation, and scale given to the shape after that.
+        up: Direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
+
+    Raises:
+        InputError: If the file is no picture, or shows no silhouette.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        threshold: float | None = None,
+        fit: float | None = 0.8,
+        pose: Pose = None,
+        up: Sequence[float] | None = None,
+    ) -> None:
+        place, file = FilePlacement(fit, pose, up, dim=2), resolve(path)
+        suffix = file.suffix.lower()
+        if suffix not in PICTURE_FORMATS:
+            raise InputError(
+                f"The name of a picture must end in {', '.join(PICTURE_FORMATS)}, got '{file.suffix}' ({file}). Try "
+                "`silhouette.png`."
+            )
+        if file.stat().st_size == 0:
+            raise InputError(f"{file} is empty. Try a picture with something on it.")
+        if suffix == ".svg" and threshold is not None:
+            raise InputError(f"`threshold` must be null for a drawing, got {threshold:g}. Try `threshold=null`.")
+        loops = svg_outline(file) if suffix == ".svg" else image_outline(file, threshold)
+        vertices, center = centered(torch.from_numpy(np.concatenate(loops)))
+        placement = place.of_centered(vertices, center)
+        origin = {"kind": "silhouette", "path": str(path), "sha256": file_sha256(file)}
+        pose = placement.after(Similarity.shift(-center))
+        super().__init__(len(vertices), [len(loop) for loop in loops], pose, placement, origin)
+        self.vertices.copy_(vertices)
