@@ -228,8 +228,8 @@ def clean_points(points: np.ndarray, normals: np.ndarray | None, name: str) -> t
     if len(points) < 4 * _NEIGHBORS:
         with_normals = "" if normals is None else " with normals"
         raise InputError(
-            f"{name} must have at least {4 * _NEIGHBORS} distinct points{with_normals}, got {len(points)}. Try a denser "
-            "cloud."
+            f"{name} must have at least {4 * _NEIGHBORS} distinct points{with_normals}, got {len(points)}. Try a "
+            "denser cloud."
         )
     return points, None if normals is None else normals[first]
 

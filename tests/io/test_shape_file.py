@@ -118,8 +118,8 @@ def test_what_no_reader_takes_meets_a_sentence(tmp_path: Path, monkeypatch: pyte
         assert "\n" not in str(error.value)
 
     refused("a.docx", r"must end as one of these kinds does \(mesh: .obj, .* points: .* labels: .*\), got a.docx")
-    refused("nowhere.stl", "no file nowhere.stl")
-    refused("nowhere.ply", "no file nowhere.ply")
+    refused("nowhere.stl", "must be an existing file.* got nowhere.stl")
+    refused("nowhere.ply", "must be an existing file.* got nowhere.ply")
     refused(tmp_path, "which has no checkpoints")
     refused(
         _mesh(tmp_path / "a.obj"), "`label` must be null for .*a.obj, which is no file of volumes of labels", label=1
@@ -127,8 +127,8 @@ def test_what_no_reader_takes_meets_a_sentence(tmp_path: Path, monkeypatch: pyte
     refused(_image(tmp_path / "a.png"), "`omega` must be null for .*a.png, which is no file of networks", omega=30)
     (tmp_path / "bad.vtp").write_text("hello")
     (tmp_path / "bad.gii").write_text("hello")
-    refused(tmp_path / "bad.vtp", "cannot be read as a mesh|holds no triangles")
-    refused(tmp_path / "bad.gii", "cannot be read as a mesh")
+    refused(tmp_path / "bad.vtp", "must contain a mesh|must contain triangles")
+    refused(tmp_path / "bad.gii", "must contain a mesh in the format")
     monkeypatch.setitem(sys.modules, "pyvista", None)
     refused(tmp_path / "bad.vtp", r"Reading .vtp needs `pyvista`, .* Try `pip install 'nsm\[render\]'`")
 
