@@ -102,6 +102,7 @@ def test_the_core_needs_no_package_of_an_extra(tmp_path: Path) -> None:
     code = f"""
 import sys
 sys.modules |= dict.fromkeys({[name for names in EXTRAS.values() for name in names]})
+import nsm
 from nsm.train import __main__ as train, callbacks
 from nsm.evaluate import __main__ as evaluate
 from nsm.render import __main__ as render
