@@ -29,7 +29,7 @@ RUN pip install --constraint /tmp/nsm/constraints.txt torch
 COPY pyproject.toml README.md LICENSE /tmp/nsm/
 COPY conf /tmp/nsm/conf
 COPY nsm /tmp/nsm/nsm
-RUN pip install --constraint /tmp/nsm/constraints.txt /tmp/nsm
+RUN pip install --constraint /tmp/nsm/constraints.txt '/tmp/nsm[all]'
 
 USER 10001:10001
 WORKDIR /home/nsm

@@ -49,7 +49,8 @@ __all__ = [
     "write_mesh",
 ]
 
-#: The module that defines each name; it is imported on first use, so that `import nsm` stays light.
+#: The module that defines each name; it is imported on first use, so that `import nsm` stays light. No module of the
+#: package may share a name with them: importing `nsm.morph` would replace the function.
 _MODULES = {
     "ExactEnds": "nsm.morphs.exact_ends",
     "InputError": "nsm.cli.errors",

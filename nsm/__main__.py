@@ -55,7 +55,7 @@ def main() -> None:
 
 def _run(command: str) -> None:
     if command == "morph":
-        importlib.import_module("nsm.morph.__main__").main()
+        entry.run_plain(importlib.import_module("nsm.library.command").main, command)
     elif {"-h", "--help"} & set(sys.argv[1:]):
         _print(command_help(command))  # without the seconds that importing a command takes
     else:

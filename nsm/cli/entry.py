@@ -67,6 +67,23 @@ def run(main: Callable[[DictConfig], None], command: str) -> None:
         sys.exit(REFUSED)
 
 
+def run_plain(main: Callable[[list[str]], None], command: str) -> None:
+    """Run a command that parses its own arguments, with the errors and exit codes of `run`.
+
+    Args:
+        main: Command, called with the command line after its name.
+        command: Name of the command.
+    """
+    _silence_lightning()
+    try:
+        main(sys.argv[1:])
+    except Exception as error:
+        _report(error, sys.argv[1:], command)
+        sys.exit(REFUSED)
+    except KeyboardInterrupt:
+        sys.exit(128 + signal.SIGINT)
+
+
 def _as_list(argument: str) -> str:
     """Turn ``checkpoint=a,b`` into ``checkpoint=[a,b]``, and leave other arguments as they are."""
     name, _, value = argument.partition("=")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_dir
@@ -17,7 +16,7 @@ from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.cli.groups import Group, describe, group_folders, options
 from nsm.cli.settings import invalid, nearest
-from nsm.cli.shape_files import OPTIONS, shape_overrides
+from nsm.cli.shape_files import names_file, shape_overrides
 
 #: Flags of Hydra that start with two dashes.
 _FLAGS = {
@@ -97,7 +96,7 @@ def _unparsed(argument: str, overrides: Sequence[str], command: str) -> str:
             f"""Try `"{name}='{value.strip(chr(39))}'"`."""
         )
     packages = [group.package for group in describe(command).groups if group.package]
-    if Path(argument).suffix.lower() in OPTIONS or Path(argument).exists():
+    if names_file(argument):
         if not packages:
             return f"`{argument}` must be given to a setting, got it alone. Try `checkpoint={argument}`."
         bare = [override for override in overrides if "=" not in override]
@@ -115,7 +114,7 @@ def _unknown_option(folder: str, option: str, overrides: Sequence[str]) -> str:
     typed = next((o.partition("=")[0] for o in overrides if o.endswith(f"={option}")), folder)
     known = options(folder)
     package = typed.partition("@")[2]
-    if package and Path(option).suffix.lower() in OPTIONS:
+    if package and names_file(option):
         suggestion = " ".join(shape_overrides(package, option))
         return f"`{typed}` must be the name of an option, got a file. Try `{suggestion}`."
     near = nearest(option, known) or (known[0] if known else "NAME")
@@ -151,7 +150,7 @@ def _same_leaf(last: str, known: dict[str, Any]) -> str | None:
 
 def _choose(group: Group, value: str) -> str:
     """The override that chooses what was meant by a value: an option by name, or a file."""
-    if Path(value).suffix.lower() in OPTIONS:
+    if names_file(value):
         return " ".join(shape_overrides(str(group.package), value))
     return f"{group.typed}={nearest(value, group.options) or group.chosen}"
 

@@ -1,37 +1,29 @@
-"""Overrides that choose a shape from a file, told by its suffix."""
+"""Overrides that choose a shape from a file."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
-#: Option of ``conf/shape`` for each suffix; a PLY file without faces holds points.
-OPTIONS = {
-    **dict.fromkeys((".obj", ".ply", ".stl", ".off", ".glb"), "mesh"),
-    ".xyz": "points",
-    **dict.fromkeys((".pth", ".pt"), "siren"),
-    ".ckpt": "fitted",
-}
-#: Bytes of a PLY file that hold its header.
-_HEADER = 4096
+_SUFFIX = re.compile(r"\.[A-Za-z]\w{1,5}$")
 
 
-def shape_option(path: Path) -> str | None:
-    """Name the option of ``conf/shape`` that reads a file or the folder of a run; None for an unknown suffix."""
-    if path.is_dir():
-        return "fitted"
-    suffix = path.suffix.lower()
-    if suffix == ".ply" and path.is_file() and not _has_faces(path):
-        return "points"
-    return OPTIONS.get(suffix)
+def names_file(text: str) -> bool:
+    """Whether a text names a file, by its suffix or because there is one.
+
+    >>> names_file("a.obj"), names_file("mesh"), names_file("0.5")
+    (True, False, False)
+    """
+    return bool(_SUFFIX.search(text)) or Path(text).exists()
 
 
 def shape_overrides(side: str, path: str) -> list[str]:
-    """Overrides that choose the file ``path`` as ``source`` or ``target``; a mesh where the suffix says nothing.
+    """Overrides that choose the file ``path`` as ``source`` or ``target``.
 
     >>> shape_overrides("source", "a.obj")
-    ['shape@source=mesh', 'source.path=a.obj']
+    ['shape@source=file', 'source.path=a.obj']
     """
-    return [f"shape@{side}={shape_option(Path(path)) or 'mesh'}", f"{side}.path={quoted(path)}"]
+    return [f"shape@{side}=file", f"{side}.path={quoted(path)}"]
 
 
 def quoted(value: str) -> str:
@@ -44,10 +36,3 @@ def quoted(value: str) -> str:
         return value
     escaped = value.replace("\\", "\\\\").replace("'", "\\'")
     return f"'{escaped}'"
-
-
-def _has_faces(path: Path) -> bool:
-    with path.open("rb") as file:
-        header = file.read(_HEADER).split(b"end_header")[0]
-    faces = [line.split()[-1] for line in header.splitlines() if line.startswith(b"element face")]
-    return bool(faces) and faces[0] != b"0"

@@ -16,13 +16,13 @@ import json
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 
 import torch
 from safetensors.torch import save_file
 
 from nsm.cli.errors import InputError
+from nsm.cli.extras import require
 from nsm.cli.files import whole_file
 from nsm.types import Morph, Networks
 
@@ -73,10 +73,7 @@ def write_onnx(path: Path | str, morph: Morph) -> None:
         InputError: if onnx or onnxscript is not installed, the morph is not made of networks, or the file cannot be
             written.
     """
-    if missing := [name for name in ("onnx", "onnxscript") if find_spec(name) is None]:
-        raise InputError(
-            f"format=onnx is written by {' and '.join(missing)}, which is not installed: pip install 'nsm[onnx]'"
-        )
+    require("onnx", "onnxscript", extra="onnx", task="An ONNX file")
     networks = morph.networks()
     program, described = _traced(networks), networks.description
     names = {"input_names": ["points", "time"], "output_names": described["outputs"]}

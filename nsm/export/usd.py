@@ -11,6 +11,7 @@ import numpy as np
 
 import nsm
 from nsm.cli.errors import InputError
+from nsm.cli.extras import require
 from nsm.cli.files import whole_file
 from nsm.io.moving import CLAY, is_closed, linear_rgb, playing_times
 from nsm.morphs.surfaces import Frame
@@ -70,10 +71,9 @@ def write_usd_carried(path: Path | str, frames: Iterable[Frame], seconds: float,
 @contextmanager
 def _stage(path: Path | str, frames: list[Frame], seconds: float) -> Iterator[tuple[UsdGeom.Mesh, list[Usd.TimeCode]]]:
     """A stage with an empty mesh and the time codes of the frames; written when the block ends well."""
-    try:
-        from pxr import Usd, UsdGeom, UsdUtils
-    except ImportError as error:
-        raise InputError("USD is written by usd-core, which is not installed: pip install 'nsm[usd]'") from error
+    require("pxr", extra="usd", task="A USD file")
+    from pxr import Usd, UsdGeom, UsdUtils
+
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path.name} names no format of USD: let it end in {' or '.join(SUFFIXES)}")

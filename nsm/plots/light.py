@@ -15,9 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
+from nsm.cli.extras import require
 from nsm.plots.camera import Camera
 
 #: Directions to the room (all around), and to the lamp.
@@ -60,6 +59,10 @@ class Room:
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray, camera: Camera) -> None:
         self._camera, self._off = camera, _OFF * camera.half_height
+        require("embreex", extra="render", task="The light of a picture")
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
         self._scene = EmbreeScene()
         self._mesh = TriangleMesh(
             self._scene,

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from nsm.cli.errors import InputError
+from nsm.cli.extras import MissingPackageError
 from nsm.cli.files import whole_file
 from nsm.plots.flat import PlaneDrawing
 from nsm.plots.look import LOOK, Look, camera_for, surface
@@ -96,7 +97,7 @@ def try_strip(
     """Draw a strip as `render_strip` does, or warn that this machine cannot; whether it was drawn."""
     try:
         render_strip(path, morphs, times, size=size)
-    except NoOpenGLError as error:
+    except (MissingPackageError, NoOpenGLError) as error:
         log.warning("%s is left out: %s", path, error)
         return False
     return True

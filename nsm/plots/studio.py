@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter, zoom
 
+from nsm.cli.extras import require
 from nsm.plots.camera import Camera
 from nsm.plots.light import Room
 from nsm.plots.opengl import require_opengl
@@ -58,10 +59,12 @@ class Studio:
         width: of pictures in pixels; the height follows from the camera.
 
     Raises:
+        MissingPackageError: if the packages that draw are not installed.
         NoOpenGLError: if this machine cannot draw.
     """
 
     def __init__(self, camera: Camera, width: int) -> None:
+        require("pyvista", extra="render", task="A picture of a surface")
         require_opengl()
         import pyvista  # takes half a second, which commands that draw nothing save
 

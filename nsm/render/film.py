@@ -10,10 +10,10 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import NamedTuple
 
-import imageio_ffmpeg
 import numpy as np
 
 from nsm.cli.errors import InputError
+from nsm.cli.extras import require
 from nsm.cli.files import whole_file
 from nsm.plots.look import LOOK, Look
 from nsm.render.panel import Panel, PlanePanel, SurfacePanel, caption
@@ -200,6 +200,8 @@ def _write(
 
 def _ffmpeg(path: Path, size: tuple[int, int], fps: int) -> Generator[None, bytes | None, None]:
     """A generator that takes frames, of 8 bits of RGB."""
+    import imageio_ffmpeg
+
     common = {"size": size, "fps": fps, "quality": None, "macro_block_size": 1, "ffmpeg_log_level": "error"}
     if path.suffix.lower() == ".gif":
         palette = "split[a][b];[a]palettegen[p];[b][p]paletteuse=dither=sierra2_4a"
@@ -222,6 +224,7 @@ def _require_film(path: Path | str, morphs: Mapping[str, Morph], size: Sequence[
         raise InputError(f"a film shows morphs of one dimension, not of dimensions {dims}: film them separately")
     if Path(path).suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} names no format of films: give a name that ends in {' or '.join(SUFFIXES)}")
+    require("imageio_ffmpeg", extra="render", task="A film")
     sizes = list(size)
     if len(sizes) != 2 or any(isinstance(n, bool) or not isinstance(n, int) or n < 64 or n % 2 for n in sizes):
         raise InputError(

@@ -17,12 +17,11 @@ from rich.progress import Progress
 
 from nsm.cli import entry
 from nsm.cli.errors import InputError
+from nsm.cli.extras import require
 from nsm.cli.settings import number, positive, switch, use_threads, whole_number
 from nsm.io.loading import LoadedMorph, load_morphs
 from nsm.metrics import even_times
 from nsm.view.frames import Settings
-from nsm.view.page import Viewer
-from nsm.view.recording import record
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +35,7 @@ _LAST_PORT = 65535
 
 def main(cfg: DictConfig) -> None:
     """Load the morphs and show them until somebody ends it, or record them."""
+    require("viser", extra="view", task="The viewer")
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     settings = Settings(
         whole_number("resolution", config["resolution"], 8),
@@ -54,6 +54,8 @@ def main(cfg: DictConfig) -> None:
     if port is not None and whole_number("port", port, 1) > _LAST_PORT:
         raise InputError(f"port={port} cannot be: give a number up to {_LAST_PORT}")
     subjects = load_morphs(config, "nsm.view")
+    from nsm.view.page import Viewer
+
     with _until_told() as told:
         viewer = Viewer(subjects, settings, times, seconds, memory, str(config["host"]), port)
         try:
@@ -67,6 +69,8 @@ def main(cfg: DictConfig) -> None:
 
 
 def _record(file: Path, subjects: list[LoadedMorph], settings: Settings, times: list[float], seconds: float) -> None:
+    from nsm.view.recording import record
+
     with Progress(console=Console(stderr=True)) as bar:
         work = record(file, subjects, settings, times, seconds)
         for _ in bar.track(work, len(subjects) * len(times), description="recording"):

@@ -65,6 +65,11 @@ def test_every_public_name_can_be_imported() -> None:
         _ = nsm.nothing
 
 
+def test_no_module_hides_a_public_name() -> None:
+    modules = {path.stem for path in Path(nsm.__file__).parent.iterdir()}
+    assert not modules & set(nsm.__all__)
+
+
 def test_importing_the_package_imports_nothing_heavy() -> None:
     code = "import nsm, sys; print([m for m in ('torch', 'lightning', 'hydra', 'trimesh') if m in sys.modules])"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from geomloss import SamplesLoss
 from jaxtyping import Float
 from torch import Tensor
+
+from nsm.cli.extras import require
 
 #: Entries of the matrix between points and anchors that are held at once: 4 MB in single precision fit into the cache.
 _ENTRIES = 1 << 20
@@ -89,6 +90,9 @@ def entropic_maps(
 
 def _potentials(x: Tensor, y: Tensor, blur: float, scaling: float) -> tuple[Tensor, Tensor]:
     """Dual potentials of the entropic plan, f/ε at x (n,) and g/ε at y (m,)."""
+    require("geomloss", extra="ot", task="Optimal transport")
+    from geomloss import SamplesLoss
+
     solve = SamplesLoss(
         "sinkhorn", p=2, blur=blur, scaling=scaling, debias=False, potentials=True, backend="tensorized"
     )

@@ -7,6 +7,7 @@ from nsm.train.callbacks.mesh_snapshots import MeshSnapshots
 from nsm.train.callbacks.progress import Progress
 from nsm.train.callbacks.step_times import StepTimes, Unvalidated
 from nsm.train.callbacks.strip import Strip
+from nsm.train.callbacks.tensorboard import TensorBoardLog
 from nsm.train.callbacks.volume_curve import VolumeCurveLog
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "StepTimes",
     "StopOnSignal",
     "Strip",
+    "TensorBoardLog",
     "Unvalidated",
     "VolumeCurveLog",
 ]

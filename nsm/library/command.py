@@ -1,0 +1,98 @@
+"""The command ``nsm morph a.obj b.obj -o film.mp4``: two shape files in, a film, an animation, or meshes out."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NoReturn
+
+from rich.console import Console
+
+from nsm.cli.errors import InputError
+from nsm.cli.groups import options
+from nsm.cli.settings import choice, nearest, whole_number
+from nsm.library.trained import FRAMES, RESOLUTION
+from nsm.library.training import morph
+
+#: Suffixes of the output, with what is written; the empty one means a folder.
+OUTPUTS = {
+    "": "a folder of meshes",
+    ".glb": "an animated mesh",
+    ".mp4": "a film",
+    ".gif": "a film",
+    ".png": "a strip of pictures",
+    ".usd": "an animated mesh",
+    ".ckpt": "a checkpoint for the other commands",
+}
+_EXAMPLE = "nsm morph a.obj b.obj -o film.mp4"
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors look like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line."""
+        raise InputError(f"The command line must be valid, got an error: {message}. Try `{_EXAMPLE}`.")
+
+
+def main(arguments: list[str]) -> None:
+    """Morph one shape into another and write the result.
+
+    Args:
+        arguments: Command line after ``nsm morph``.
+
+    Raises:
+        InputError: If the command line or a shape cannot be used.
+    """
+    given = _parser().parse_args(arguments)
+    choice("budget", given.budget, options("budget"))
+    whole_number("frames", given.frames, least=2, example=FRAMES)
+    whole_number("resolution", given.resolution, least=8, example=RESOLUTION)
+    output = _output(given)
+    result = morph(given.source, given.target, budget=given.budget, seed=given.seed, output=given.keep)
+    written = result.save(output, frames=given.frames, resolution=given.resolution)
+    Console(soft_wrap=True, highlight=False, markup=False).print(f"wrote {written}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="nsm morph",
+        description="Morph one shape into another of the same volume, and write the result.",
+        epilog=f"example: {_EXAMPLE}",
+    )
+    parser.add_argument(
+        "source",
+        help="shape at the start: the file of a mesh, points, a volume of labels, an image or drawing, a network, or a "
+        "fitted shape; or a name such as bunny",
+    )
+    parser.add_argument("target", help="shape at the end")
+    kinds = ", ".join(suffix for suffix in OUTPUTS if suffix)
+    parser.add_argument(
+        "-o", "--output", metavar="PATH", help=f"file that ends in {kinds}, or a folder for meshes; by default a folder"
+        " named after both shapes",
+    )  # fmt: skip
+    parser.add_argument("--budget", default="full", help="training budget, fast or full (default: %(default)s)")
+    parser.add_argument(
+        "--frames", type=int, default=FRAMES, metavar="N", help="number of meshes or pictures (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--resolution", type=int, default=RESOLUTION, metavar="N", help="cells along the box (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random numbers")
+    parser.add_argument("--keep", metavar="FOLDER", help="folder that keeps the training run and its checkpoints")
+    return parser
+
+
+def _output(given: argparse.Namespace) -> Path:
+    """The file or folder to write, checked before training begins."""
+    if given.output is None:
+        return Path(f"{Path(given.source).stem}_{Path(given.target).stem}")
+    output = Path(given.output)
+    suffix = output.suffix.lower()
+    if suffix not in OUTPUTS:
+        endings = ", ".join(known for known in OUTPUTS if known)
+        suggestion = output.with_suffix(nearest(suffix, OUTPUTS) or ".mp4")
+        raise InputError(
+            f"`--output` must end in {endings}, or have no suffix, got {output}. Try `--output {suggestion}`."
+        )
+    return output

@@ -1,0 +1,90 @@
+"""``nsm morph``: two files in, a file or a folder out, in one line."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+import trimesh
+from test_library import TINY
+
+import nsm.__main__ as program
+from nsm.library import command, morph
+
+
+@pytest.fixture
+def meshes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, str]:
+    """A ball and a box in the current folder; training is so short that it takes seconds."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NSM_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(command, "morph", partial(morph, steps=4, **TINY))
+    trimesh.creation.icosphere(subdivisions=2).export("ball.obj")
+    trimesh.creation.box((2, 1.6, 1.6)).export("box.ply")
+    return "ball.obj", "box.ply"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *typed: str) -> int:
+    """The exit status of ``nsm morph``."""
+    monkeypatch.setattr(sys, "argv", ["nsm", "morph", *typed])
+    try:
+        program.main()
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+def test_one_line_writes_an_animation_and_keeps_the_run(
+    meshes: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed = (*meshes, "-o", "out/morph.glb", "--frames", "3", "--resolution", "16", "--keep", "run", "--seed", "1")
+    assert run(monkeypatch, *typed) == 0
+    assert "wrote out/morph.glb" in capsys.readouterr().out
+    assert trimesh.load("out/morph.glb").geometry
+    assert Path("run/checkpoints/best.ckpt").is_file()
+    # what was kept is a shape of its own for the next command: a morph is refused by name
+    assert run(monkeypatch, "run", meshes[1]) == 2
+    assert "holds a morph" in capsys.readouterr().err
+
+
+def test_by_default_a_folder_named_after_both_holds_the_meshes(
+    meshes: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(monkeypatch, *meshes, "--frames", "3", "--resolution", "16") == 0
+    assert len(list(Path("ball_box").glob("*.ply"))) == 3
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        (["-o", "film.mp5"], "got film.mp5. Try `--output film.mp4`."),
+        (["--budget", "ful"], "`budget` must be one of fast, full, plane, got ful. Try `budget=full`."),
+        (["--frames", "0"], "`frames` must be an integer of at least 2, got 0."),
+        (["--fames", "3"], "Try `nsm morph a.obj b.obj -o film.mp4`."),
+    ],
+)
+def test_a_mistake_is_refused_before_training(
+    typed: list[str],
+    sentence: str,
+    meshes: tuple[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(command, "morph", None)
+    assert run(monkeypatch, *meshes, *typed) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_missing_file_is_named(
+    meshes: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "none.obj", meshes[1]) == 2
+    assert "none.obj" in capsys.readouterr().err
+
+
+def test_help_needs_no_word_of_hydra(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(monkeypatch, "--help") == 0
+    said = capsys.readouterr().out
+    assert "--budget" in said
+    assert "ydra" not in said
