@@ -89,7 +89,7 @@ class PointCloud(Shape):
         if orientation is not None:
             log.info(
                 "%s has no normals: they are estimated from %d neighbors each and oriented along a spanning tree "
-                "(%d components); %.1f %% of neighbors agree, and the winding number confirms the side of %.1f %%",
+                "(%d components); %.1f %% of the neighbors agree, and the winding number confirms the side of %.1f %%",
                 *(name, PLANE_NEIGHBORS, orientation.pieces, 100 * orientation.agreement, 100 * consistent),
             )
         rims = find_rims(self._points, self._normals)

@@ -129,10 +129,10 @@ def test_what_is_no_cloud_meets_a_sentence(tmp_path: Path, monkeypatch: pytest.M
     (tmp_path / "words.xyz").write_text("one two three\n")
     (tmp_path / "a.las").write_bytes(b"LASF")
     for name, words in {
-        "nan.npy": "1 points or normals that are not finite numbers",
+        "nan.npy": "must have finite points and normals, got 1 not finite",
         "flat.npy": r"rows of three numbers \(x y z\) or six .* got an array of shape \(500, 2\)",
-        "few.npy": "must have 48 distinct points or more, got 30",
-        "sheet.npy": "enclose nothing",
+        "few.npy": "must have at least 48 distinct points, got 30",
+        "sheet.npy": "must have normals that enclose a volume",
         "words.xyz": "cannot be read as a point cloud",
     }.items():
         with pytest.raises(InputError, match=words) as error:
