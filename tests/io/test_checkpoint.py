@@ -8,10 +8,12 @@ from typing import Any
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 from runs import STILL, train_here
 from torch import nn
 
 import nsm
+from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
 from nsm.io.build import build
@@ -257,11 +259,14 @@ def test_a_name_that_is_no_module_of_ours_is_not_called(target: Any, place: str,
     assert not marker.exists()
 
 
-def test_a_shape_that_reads_files_may_not_be_named(file: Path) -> None:
+READERS = {entry["_target_"] for path in (CONF / "shape").glob("*.yaml") if "path" in (entry := OmegaConf.load(path))}
+
+
+@pytest.mark.parametrize("target", sorted({*READERS, "nsm.shapes.MeshFile", "nsm.shapes.SirenFile"}))
+def test_a_shape_that_reads_files_may_not_be_named(target: str, file: Path) -> None:
     """A checkpoint holds the weights of its end shapes; one that wants a path from this machine is not ours."""
-    node = {"_target_": "nsm.shapes.MeshFile", "path": "/etc/passwd"}
-    save(content(model={**MODEL, "source": node}), file)
-    with pytest.raises(InputError):
+    save(content(model={**MODEL, "source": {"_target_": target, "path": "/etc/passwd"}}), file)
+    with pytest.raises(InputError, match="that reads no other file, got"):
         load_morph(file)
 
 
