@@ -10,7 +10,6 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 from runs import STILL, train_here
-from torch import nn
 
 import nsm
 from nsm.cli.configuration import CONF
@@ -18,7 +17,6 @@ from nsm.cli.errors import InputError
 from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
 from nsm.io.build import build
 from nsm.io.checkpoint import FORMAT, load_morph, read_checkpoint
-from nsm.morphs.growth import Growth
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball
 
@@ -283,29 +281,6 @@ def test_reading_keeps_the_configuration_and_where_shapes_come_from(file: Path) 
     entry = read_checkpoint(file)["nsm"]
     assert entry["config"] == {"seed": 3}
     assert entry["provenance"]["source"]["scale"] == 0.9
-
-
-def test_only_modules_are_built() -> None:
-    built = build({"a": [1, {"_target_": "nsm.fields.Gaussian"}], "b": None})
-    assert isinstance(built["a"][1], nn.Module)
-    assert built["b"] is None
-
-
-def test_a_class_of_another_kind_is_not_built() -> None:
-    growth = {"_target_": "nsm.morphs.growth.VolumeLinear", "dim": 3}
-    assert build(growth, Growth).extremes == (1, 1)
-    with pytest.raises(InputError, match="must be a Module of nsm"):
-        build(growth)
-    with pytest.raises(InputError, match=r"must be a Growth of nsm .*, got 'nsm\.fields\.Gaussian'"):
-        build({"_target_": "nsm.fields.Gaussian"}, Growth)
-
-
-def test_every_name_is_checked_before_the_first_class_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[object] = []
-    monkeypatch.setattr(Gaussian, "__init__", lambda self, **settings: made.append(self))
-    with pytest.raises(InputError, match=r"got 'os\.system'"):
-        build([{"_target_": "nsm.fields.Gaussian"}, {"_target_": "os.system", "command": "true"}])
-    assert not made
 
 
 def test_a_morph_remembers_where_its_shapes_come_from(file: Path) -> None:
