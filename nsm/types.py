@@ -1,4 +1,4 @@
-"""The few types that every part of nsm speaks."""
+"""Types that all parts of nsm share, and the contract of a morph."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from torch import Tensor, nn
 
 from nsm.cli.errors import InputError
 
-#: Anything that maps points (n, d) to signed distances (n,), negative inside.
+#: Function that maps points (n, d) to signed distances (n,), negative inside.
 SignedDistance = Callable[[Tensor], Tensor]
 #: One time, or one for each of n points, shape (n,).
-Times = float | Tensor
+Times = float | Float[Tensor, " n"]
 
 #: Step of the central differences that give div V where a morph has no closed form, relative to the longest edge of its
 #: box: far above the rounding errors of single precision, and below the detail that a network resolves.
@@ -23,23 +23,35 @@ DIVERGENCE_STEP = 1e-3
 
 
 class Jet(NamedTuple):
-    """A scalar field and its first derivatives at n points: ``value`` (n,), ``gradient`` (n, k)."""
+    """A scalar field and its first derivatives at n points.
+
+    Attributes:
+        value: Values, shape (n,).
+        gradient: Derivatives with respect to the k inputs, shape (n, k).
+    """
 
     value: Float[Tensor, " n"]
     gradient: Float[Tensor, "n k"]
 
 
 class VectorJet(NamedTuple):
-    """A vector field and its first derivatives at n points: ``value`` (n, m), ``jacobian`` (n, m, k)."""
+    """A vector field and its first derivatives at n points.
+
+    Attributes:
+        value: Values, shape (n, m).
+        jacobian: Derivatives of each component with respect to the k inputs, shape (n, m, k).
+    """
 
     value: Float[Tensor, "n m"]
     jacobian: Float[Tensor, "n m k"]
 
 
 class SimplexMesh(NamedTuple):
-    """A surface of triangles in 3D, a curve of segments in 2D, oriented so that normals point outwards.
+    """A surface of triangles in 3D, or a curve of segments in 2D, oriented so that its normals point outward.
 
-    ``vertices`` (v, d); ``simplices`` (m, d) indices into them.
+    Attributes:
+        vertices: Positions, shape (v, d).
+        simplices: Indices of the d vertices of each simplex, shape (m, d).
     """
 
     vertices: Float[Tensor, "v d"]
@@ -47,14 +59,24 @@ class SimplexMesh(NamedTuple):
 
 
 class SurfaceSamples(NamedTuple):
-    """Points on a surface and the unit normals there, both (n, d)."""
+    """Points on a surface.
+
+    Attributes:
+        points: Positions, shape (n, d).
+        normals: Outward unit normals, shape (n, d).
+    """
 
     points: Float[Tensor, "n d"]
     normals: Float[Tensor, "n d"]
 
 
 class DistanceSamples(NamedTuple):
-    """Points in space (n, d) and the signed distance of a shape there (n,)."""
+    """Points in space with the signed distance of a shape.
+
+    Attributes:
+        points: Positions, shape (n, d).
+        distances: Signed distances, shape (n,).
+    """
 
     points: Float[Tensor, "n d"]
     distances: Float[Tensor, " n"]

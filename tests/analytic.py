@@ -1,4 +1,4 @@
-"""Morphs whose networks are written down and not trained, as checkpoints and as objects."""
+"""Morphs whose networks have known weights instead of trained ones, as objects and as checkpoints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from nsm.io.checkpoint import describe, save_morph
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball, FieldShape
 
-#: ω of the networks here: any would do.
+#: ω of the networks, an arbitrary value.
 OMEGA = 2.0
 #: Frequency of the cosines: their sum then falls from the middle of the box to its faces.
 FREQUENCY = 1.5
@@ -47,14 +47,14 @@ def bowl(dim: int, level: float, rise: float | None = None) -> ScalarSiren:
 
 
 def shrinking(dim: int, rise: float, source: FieldShape | None = None) -> NeuralMorph:
-    """A morph without velocity whose volume falls, between two balls of no matter."""
+    """A morph without a velocity whose volume decreases; its end shapes are arbitrary balls."""
     middle = [0.0] * dim
     morph = NeuralMorph(bowl(dim, dim - 0.5, rise), None, source or Ball(0.65, middle), Ball(0.4, middle))
     return morph.requires_grad_(False)
 
 
 def turning(dim: int, spin: float, source: FieldShape | None = None) -> NeuralMorph:
-    """A ball at rest, with a velocity that turns it about the last axis (the middle in 2D) by an angle."""
+    """A ball at rest, with a velocity that rotates it about the last axis (the center in 2D) by an angle."""
     velocity = Free(dim, partial(VectorSiren, hidden_features=dim, hidden_layers=1, omega=1.0))
     hidden, last = velocity.network.linear_layers
     with torch.no_grad():
@@ -70,7 +70,7 @@ def turning(dim: int, spin: float, source: FieldShape | None = None) -> NeuralMo
 
 
 def save(morph: NeuralMorph, file: Path, **entry_values: Any) -> Path:
-    """Write a morph as a checkpoint; ``entry_values`` replace what stands under ``nsm``."""
+    """Write a morph as a checkpoint; ``entry_values`` replace values of its entry ``nsm``."""
     field = morph.field
     model = {
         "_target_": "nsm.morphs.neural.NeuralMorph",
@@ -97,7 +97,7 @@ def _free(velocity: Free) -> dict[str, Any]:
 
 
 def unreadable(folder: Path) -> dict[str, tuple[Path, str]]:
-    """Files that are no checkpoints to load, by what ails them, with words of the sentence that must follow."""
+    """Files that are not valid checkpoints by their defect, with words that the error message must contain."""
     good = save(shrinking(2, 0.1), folder / "good.ckpt")
     (folder / "cut.ckpt").write_bytes(good.read_bytes()[: good.stat().st_size // 2])
     (folder / "text.ckpt").write_text("hello")
@@ -115,7 +115,7 @@ def unreadable(folder: Path) -> dict[str, tuple[Path, str]]:
 
 
 def run_here(module: ModuleType, *overrides: str) -> int:
-    """Run a command in this process; returns its exit status."""
+    """Run a command in this process and return its exit status."""
     with mock.patch.object(sys, "argv", [module.__name__, *overrides]):
         try:
             entry.run(module.main, module.__name__.split(".")[1])
@@ -125,5 +125,5 @@ def run_here(module: ModuleType, *overrides: str) -> int:
 
 
 def sentence(text: str) -> str:
-    """What a command said on stderr, on one line."""
+    """Text of a command on stderr, on one line."""
     return " ".join(text.split())

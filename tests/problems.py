@@ -1,4 +1,4 @@
-"""Motions whose every quantity is known exactly: what all numerical claims are tested against.
+"""Motions whose quantities are all known exactly, against which every numerical claim is tested.
 
 Each is a `nsm.types.Morph` that also knows ∂f/∂t, the Jacobian of V, and the volume at any time. The level set
 equation ∂f/∂t + ⟨∇f, V⟩ = 0 holds everywhere, not only on the surface.
@@ -85,7 +85,7 @@ class ExactMotion(Morph):
 
 
 class LinearMotion(ExactMotion):
-    """A shape carried by V = M (x - c(t)) + v, with c(t) = start + v t: f(x, t) = f_0(exp(-M t) (x - c(t))).
+    """A shape advected by V = M (x - c(t)) + v, with c(t) = start + v t: f(x, t) = f_0(exp(-M t) (x - c(t))).
 
     M antisymmetric is a rotation, traceless a squash that keeps volume, a multiple of 1 a growth. The volume is
     exp(t tr M) times that at the start.
@@ -114,7 +114,7 @@ class LinearMotion(ExactMotion):
         return x - self.start - self._time(x, t) * self.drift
 
     def _back(self, x: Tensor, t: Times) -> tuple[Tensor, Tensor]:
-        """Where the points were at t = 0, and the Jacobian of that."""
+        """Positions of the points at t = 0, and their Jacobian."""
         inverse = torch.matrix_exp(-self._time(x, t)[:, :, None] * self.matrix)
         return (inverse @ self._centered(x, t)[:, :, None])[:, :, 0], inverse
 
@@ -136,7 +136,7 @@ class LinearMotion(ExactMotion):
 
 
 class GrowingBall(ExactMotion):
-    """A ball whose radius is r + g t, carried by V = g x/|x|: a distance at all times, div V = g (d - 1)/|x|."""
+    """A ball whose radius is r + g t, advected by V = g x/|x|: a distance at all times, div V = g (d - 1)/|x|."""
 
     def __init__(self, dim: int, radius: float = 0.4, growth: float = 0.3, dtype: torch.dtype = torch.float64) -> None:
         super().__init__(dim, dtype)
@@ -165,31 +165,31 @@ def translating_ball(dim: int, dtype: torch.dtype = torch.float64) -> LinearMoti
 
 
 def rotating_box(dim: int, dtype: torch.dtype = torch.float64) -> LinearMotion:
-    """A box that turns by about a radian."""
+    """A box that rotates by about a radian."""
     spin = [[0.0, -0.9, 0.3], [0.9, 0.0, -0.5], [-0.3, 0.5, 0.0]]
     return LinearMotion(Box((0.55, 0.3, 0.4)[:dim]), matrix=[row[:dim] for row in spin[:dim]], dtype=dtype)
 
 
 def squashed_box(dim: int, dtype: torch.dtype = torch.float64) -> LinearMotion:
-    """A box that becomes flat and wide and keeps its volume; f is no distance on the way."""
+    """A box that becomes flat and wide at constant volume; f is not a distance on the way."""
     stretch = [0.5, -0.5] if dim == 2 else [0.4, -0.7, 0.3]
     matrix = [[s if i == j else 0.0 for j in range(dim)] for i, s in enumerate(stretch)]
     return LinearMotion(Box((0.4, 0.5, 0.45)[:dim]), matrix=matrix, dtype=dtype)
 
 
 def squashed_ball(dim: int, dtype: torch.dtype = torch.float64) -> LinearMotion:
-    """A ball that a shear turns into an ellipsoid of the same volume, drifting; f is no distance on the way."""
+    """A drifting ball that becomes an ellipsoid of the same volume; f is not a distance on the way."""
     matrix = [[0.0] * dim for _ in range(dim)]
     matrix[0][1] = matrix[1][0] = 0.5
     return LinearMotion(Ball(dim), matrix=matrix, drift=[0.2, 0.1, 0.1][:dim], start=[-0.1] * dim, dtype=dtype)
 
 
 def growing_ball(dim: int, dtype: torch.dtype = torch.float64) -> GrowingBall:
-    """A ball that does not keep its volume."""
+    """A ball whose volume grows."""
     return GrowingBall(dim, dtype=dtype)
 
 
-#: Every motion here, by a name: call one with a dimension (2 or 3).
+#: Every motion by name, to be called with a dimension (2 or 3).
 MOTIONS = {
     motion.__name__: motion for motion in (translating_ball, rotating_box, squashed_box, squashed_ball, growing_ball)
 }

@@ -16,10 +16,6 @@ from typing import Any
 from torch import nn
 
 from nsm.cli.errors import InputError
-from nsm.shapes import LabelVolume, MeshFile, Silhouette, SirenFile
-
-#: Classes that read, or download, another file when they are made.
-_READERS = (LabelVolume, MeshFile, Silhouette, SirenFile)
 
 
 def build(node: Any, kind: type = nn.Module) -> Any:
@@ -76,7 +72,8 @@ def _class_of(target: Any, kind: type) -> type:
         except ImportError:
             found = None
     ours = inspect.isclass(found) and issubclass(found, kind) and found.__module__.startswith("nsm.")
-    if not ours or issubclass(found, _READERS):
+    # classes that read, or download, a file name it `path`
+    if not ours or "path" in inspect.signature(found).parameters:
         raise InputError(
             f"`_target_` must be a {kind.__name__} of nsm that reads no other file, got {target!r}. Try the name of a "
             "class in conf/; do not use this file if someone else wrote it."

@@ -29,7 +29,7 @@ from nsm.plots.strip import render_strip
 from nsm.render.film import SIZE, Pace, render_film
 from nsm.render.film import SUFFIXES as FILMS
 from nsm.shapes.download import file_sha256
-from nsm.types import Morph, Networks
+from nsm.types import Morph, Networks, Times
 
 #: Cells along the longest edge of the box on which surfaces are extracted.
 RESOLUTION = 128
@@ -58,15 +58,15 @@ class TrainedMorph(Morph):
         self.dim, self.bounds, self.provenance = morph.dim, morph.bounds, morph.provenance
         self.source, self.target = morph.source, morph.target
 
-    def __call__(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    def __call__(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         """Evaluate the signed distance at points x, shape (n, d), and times t, one number or shape (n,)."""
         return self._morph(x, t)
 
-    def gradient(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"]:
+    def gradient(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"]:
         """Evaluate the spatial gradient of the signed distance, shape (n, d)."""
         return self._morph.gradient(x, t)
 
-    def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
+    def velocity(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"] | None:
         """Evaluate the velocity, shape (n, d), in units of length per unit of t; None for a method without one."""
         return self._morph.velocity(x, t)
 
@@ -74,7 +74,7 @@ class TrainedMorph(Morph):
     def has_velocity(self) -> bool:
         return self._morph.has_velocity
 
-    def divergence(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:
+    def divergence(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"] | None:
         """Evaluate the divergence of the velocity in space, shape (n,); None for a method without a velocity."""
         return self._morph.divergence(x, t)
 

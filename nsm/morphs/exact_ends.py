@@ -16,7 +16,7 @@ from nsm.geometry.grid import CHUNK, Lattice, evaluate
 from nsm.geometry.meshing import extract_surface
 from nsm.morphs.advected import velocity_of
 from nsm.morphs.end_detail import EndDetail, shape_gradient
-from nsm.types import Morph
+from nsm.types import Morph, Times
 
 #: Cells of the lattice on which V is sampled, along the longest edge of the box of the moving surface, by dimension,
 #: and the number of times at which it is sampled.
@@ -82,14 +82,14 @@ class ExactEnds(Morph):
         self.flow_resolution = flow_resolution or FLOW_RESOLUTION[morph.dim]
         self.detail_resolution = detail_resolution or DETAIL_RESOLUTION[morph.dim]
 
-    def __call__(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    def __call__(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         """Signed distance (n,) at x (n, d) and t, one time or n of them; negative inside."""
         x = x.to(self.bounds)
         if isinstance(t, Tensor) and t.ndim:
             return self._at_times(x, t)
         return torch.cat([self._value(chunk, float(t)) for chunk in x.split(CHUNK)])
 
-    def gradient(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"]:
+    def gradient(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"]:
         """Spatial gradient (n, d) of the signed distance."""
         x = x.to(self.bounds)
         if isinstance(t, Tensor) and t.ndim:
@@ -100,11 +100,11 @@ class ExactEnds(Morph):
     def has_velocity(self) -> bool:
         return True
 
-    def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
+    def velocity(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"] | None:
         """Velocity (n, d) of the morph in units of length per unit of t."""
         return self.morph.velocity(x, t)
 
-    def divergence(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:
+    def divergence(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"] | None:
         """Divergence (n,) of the velocity of the morph in space."""
         return self.morph.divergence(x, t)
 

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from nsm.fields import ScalarNetwork, Velocity
 from nsm.morphs.networks import portable_networks
 from nsm.shapes import FieldShape
-from nsm.types import Jet, Morph, Networks
+from nsm.types import Jet, Morph, Networks, Times
 
 #: Number of points evaluated at once: large enough for full matrix products, small enough for any memory.
 CHUNK = 1 << 16
@@ -68,17 +68,17 @@ class NeuralMorph(nn.Module, Morph):
         """Set ``bounds`` to a box that contains the moving shape at all times, corners of shape (2, d)."""
         self.bounds.copy_(box)
 
-    def forward(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    def forward(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         """Signed distance (n,) at x (n, d) and t, one time or n of them; negative inside."""
         return self._in_chunks(lambda p: self.field(p), self._spacetime(x, t))
 
-    def jet(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Jet:
+    def jet(self, x: Float[Tensor, "n d"], t: Times) -> Jet:
         """Signed distance (n,) with its gradient (n, d + 1) in space and, last, in time."""
         p = self._spacetime(x, t)
         jets = [self.field.jet(chunk) for chunk in p.split(CHUNK)]
         return Jet(torch.cat([jet.value for jet in jets]), torch.cat([jet.gradient for jet in jets]))
 
-    def gradient(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"]:
+    def gradient(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"]:
         """Spatial gradient (n, d) of the signed distance."""
         return self.jet(x, t).gradient[:, : self.dim]
 
@@ -86,14 +86,14 @@ class NeuralMorph(nn.Module, Morph):
     def has_velocity(self) -> bool:
         return self.velocity_field is not None
 
-    def velocity(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"] | None:
+    def velocity(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"] | None:
         """Velocity (n, d) in units of length per unit of t; None for a method without a velocity field."""
         velocity = self.velocity_field
         if velocity is None:
             return None
         return self._in_chunks(lambda p: velocity(p, self.field.jet(p)), self._spacetime(x, t))
 
-    def divergence(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"] | None:
+    def divergence(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"] | None:
         """Divergence (n,) of the velocity in space; None for a method without a velocity field."""
         velocity = self.velocity_field
         if velocity is None:
@@ -106,7 +106,7 @@ class NeuralMorph(nn.Module, Morph):
         shapes = {"source": self.source.provenance(), "target": self.target.provenance()}
         return portable_networks(copied.field, copied.velocity_field, copied.bounds, shapes)
 
-    def _spacetime(self, x: Tensor, t: float | Tensor) -> Tensor:
+    def _spacetime(self, x: Tensor, t: Times) -> Tensor:
         """Points of space-time (n, d + 1) with the data type and the device of the networks."""
         if x.ndim != 2 or x.shape[1] != self.dim:
             raise ValueError(f"`x` must have shape (n, {self.dim}), got {tuple(x.shape)}.")

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from nsm.morphs.growth.base import Growth
 from nsm.shapes import FieldShape, Similarity
-from nsm.types import Morph, Networks, SignedDistance
+from nsm.types import Morph, Networks, SignedDistance, Times
 
 
 class Grown(Morph):
@@ -51,12 +51,12 @@ class Grown(Morph):
         self.source: SignedDistance = _scaled(morph.source, growth.scale(0.0), self.dim)
         self.target: SignedDistance = _scaled(morph.target, growth.scale(1.0), self.dim)
 
-    def __call__(self, x: Float[Tensor, "n d"], t: float | Tensor) -> Float[Tensor, " n"]:
+    def __call__(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         """Signed distance (n,) at x (n, d) and time t, one number or (n,); negative inside."""
         near, beyond, scale = self._pulled_back(x, t)
         return scale[:, 0] * (self.morph(near, t) + beyond.norm(dim=1))
 
-    def gradient(self, x: Float[Tensor, "n d"], t: float | Tensor) -> Float[Tensor, "n d"]:
+    def gradient(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"]:
         """Spatial gradient (n, d) of the signed distance."""
         near, beyond, _ = self._pulled_back(x, t)
         gradient = self.morph.gradient(near, t)
@@ -66,13 +66,13 @@ class Grown(Morph):
     def has_velocity(self) -> bool:
         return self.morph.has_velocity
 
-    def velocity(self, x: Float[Tensor, "n d"], t: float | Tensor) -> Float[Tensor, "n d"] | None:
+    def velocity(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"] | None:
         """Velocity (n, d), in units of length per unit of t; None for a method without a velocity field."""
         near, _, scale = self._pulled_back(x, t)
         velocity = self.morph.velocity(near, t)
         return None if velocity is None else scale * velocity + self._rate(x, t) / scale * x
 
-    def divergence(self, x: Float[Tensor, "n d"], t: float | Tensor) -> Float[Tensor, " n"] | None:
+    def divergence(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"] | None:
         """Divergence (n,) of the velocity in space; None for a method without a velocity field."""
         near, _, scale = self._pulled_back(x, t)
         divergence = self.morph.divergence(near, t)
@@ -93,7 +93,7 @@ class Grown(Morph):
         described = description | {"bounds": self.bounds.tolist(), "grown": True}
         return Networks(GrownProgram(program, self.growth), described, None)
 
-    def _pulled_back(self, x: Tensor, t: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _pulled_back(self, x: Tensor, t: Times) -> tuple[Tensor, Tensor, Tensor]:
         """Return x/α moved into the box of the morph (n, d), the offset from it (n, d), and α, shape (1 or n, 1)."""
         x = x.to(self.morph.bounds)
         scale = self.growth.scale(torch.as_tensor(t).to(x)).reshape(-1, 1)
@@ -101,7 +101,7 @@ class Grown(Morph):
         near = torch.minimum(torch.maximum(point, self.morph.bounds[0]), self.morph.bounds[1])
         return near, point - near, scale
 
-    def _rate(self, x: Tensor, t: float | Tensor) -> Tensor:
+    def _rate(self, x: Tensor, t: Times) -> Tensor:
         """α', shape (1 or n, 1)."""
         return self.growth.rate(torch.as_tensor(t).to(x)).reshape(-1, 1)
 

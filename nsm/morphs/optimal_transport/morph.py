@@ -19,7 +19,7 @@ from nsm.geometry.volume import volume
 from nsm.metrics.endpoint import finite_gradient
 from nsm.morphs.optimal_transport.density import REACH, distance_of_density, histogram, kernel_density, padded_lattice
 from nsm.shapes import FieldShape
-from nsm.types import Morph
+from nsm.types import Morph, Times
 
 #: Number of times whose grids are cached.
 _KEPT = 4
@@ -97,11 +97,11 @@ class TransportMorph(nn.Module, Morph):
         """Lattice of the densities: the corners of the cells of the box, and a margin around it."""
         return padded_lattice(self.bounds, self.resolution, self.kernel)
 
-    def forward(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    def forward(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         """Signed distance (n,) at x (n, d) and t; each distinct time needs a grid of its own."""
         return self._each_time(self._value, x, t)
 
-    def gradient(self, x: Float[Tensor, "n d"], t: float | Float[Tensor, " n"]) -> Float[Tensor, "n d"]:
+    def gradient(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"]:
         """Spatial gradient (n, d) by differences over two cells of the grid, which are continuous in space."""
         step = float(self.lattice.step.min())
         return self._each_time(lambda p, time: finite_gradient(partial(self._value, t=time), p, step), x, t)
@@ -142,7 +142,7 @@ class TransportMorph(nn.Module, Morph):
         self._kept.clear()  # the grids are on the device where the points were
         return super()._apply(*args, **kwargs)
 
-    def _each_time(self, function: Callable[[Tensor, float], Tensor], x: Tensor, t: float | Tensor) -> Tensor:
+    def _each_time(self, function: Callable[[Tensor, float], Tensor], x: Tensor, t: Times) -> Tensor:
         if x.ndim != 2 or x.shape[1] != self.dim:
             raise ValueError(f"`x` must have shape (n, {self.dim}), got {tuple(x.shape)}.")
         x, times = x.to(self.bounds), torch.as_tensor(t, dtype=torch.double, device=self.bounds.device)
