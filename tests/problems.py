@@ -193,3 +193,10 @@ def growing_ball(dim: int, dtype: torch.dtype = torch.float64) -> GrowingBall:
 MOTIONS = {
     motion.__name__: motion for motion in (translating_ball, rotating_box, squashed_box, squashed_ball, growing_ball)
 }
+
+
+def trajectory(motion: LinearMotion | GrowingBall, x: Tensor, t: float) -> Tensor:
+    """Positions at time t of points that are at x at time 0."""
+    if isinstance(motion, GrowingBall):
+        return x + t * motion.growth * x / x.norm(dim=1, keepdim=True)
+    return (x - motion.start) @ torch.matrix_exp(t * motion.matrix).T + motion.start + t * motion.drift
