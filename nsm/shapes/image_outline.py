@@ -1,4 +1,4 @@
-"""Outlines of what an image shows, with sub-pixel accuracy."""
+"""Outlines of the foreground of images, with sub-pixel accuracy."""
 
 from __future__ import annotations
 
@@ -17,53 +17,53 @@ from nsm.cli.errors import InputError
 
 log = logging.getLogger(__name__)
 
-#: Endings of files that can be read.
+#: Extensions of supported files.
 IMAGE_FORMATS = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".tif", ".tiff")
-#: Standard deviation in pixels of the Gaussian that rounds the steps between pixels, in images whose edges are hard and
-#: in those whose edges are smoothed already. The normals of a disk are then off by 2.5 and 0.7 degrees (mean).
+#: Standard deviation, in pixels, of the Gaussian that smooths the steps between pixels, in images with hard edges and
+#: with antialiased edges. The normals of a disk are then off by 2.5 and 0.7 degrees (mean).
 SMOOTHING_HARD, SMOOTHING_SOFT = 1.5, 1.0
-#: Edges are hard if no pixel is farther than this from inside or outside, in parts of the contrast.
+#: Maximum deviation of pixels from inside or outside in an image with hard edges, relative to the contrast.
 HARD = 0.02
-#: A row and a column of pixels that meet in a corner are an edge each if they are at least this long.
+#: Minimum length, in pixels, of a row and a column that form a corner.
 RUN = 4
-#: Around corners and thin parts, within so many pixels, steps are kept.
+#: Radius, in pixels, around corners and thin parts in which smoothing is not applied.
 KEPT = 9
-#: Rounding loses a part where it would move the outline past the center of a pixel by more than this (of ±1/2).
+#: Change of the indicator (±1/2) at the center of a pixel above which smoothing would lose a thin part.
 STEEP = 0.1
-#: The level that gives the outline its area lies between these.
+#: Bounds on the level that gives the outline its area.
 LEVELS = (-0.45, 0.45)
-#: Longest side that the contour cuts off a corner, in pixels, and the shortest sides on both sides of it.
+#: Maximum length of the side with which the contour cuts off a corner, and minimum length of its neighbors, in pixels.
 BEVEL, SIDE = 1.5, 2.0
-#: Pieces and holes below this part of the largest loop are specks.
+#: Area, relative to the largest loop, below which components and holes are removed as specks.
 SPECK = 1e-4
-#: Pixels of the outside around the image.
+#: Number of outside pixels around the image.
 PADDING = 6
 
 
 class _Indicator(NamedTuple):
-    """An image as a field: 1/2 inside, −1/2 outside, and between them at edges; and whether its edges are hard."""
+    """An image as a field, 1/2 inside and −1/2 outside, and whether its edges are hard."""
 
     field: np.ndarray
     hard: bool
 
 
 def image_outline(file: Path, threshold: float | None = None) -> list[np.ndarray]:
-    """Find the closed polygons around what an image shows.
+    """Find the closed polygons around the foreground of an image.
 
-    An image with transparency shows what is opaque; any other what differs in brightness from its border, by the
-    threshold of Otsu unless one is given. The outline has the area of the pixels, those at edges in proportion to their
-    opacity or brightness. Corners between a row and a column of pixels stay exact.
+    The foreground of an image with transparency is its opaque part. Otherwise it differs in brightness from the border,
+    by Otsu's threshold unless one is given. The outline encloses the area of the foreground pixels, in which pixels at
+    edges count in proportion to their opacity or brightness. Corners between a row and a column of pixels remain exact.
 
     Args:
-        file: Image.
+        file: Image file.
         threshold: Opacity or brightness in (0, 1) at which the inside begins.
 
     Returns:
-        Corners (k, 2) of each polygon in pixels from the lower left corner of the image: outlines run
-        counter-clockwise, holes clockwise.
+        Corners of each polygon in pixels from the lower left corner of the image, shape (k, 2). Outlines are
+        counterclockwise and holes clockwise.
 
     Raises:
-        InputError: If the file cannot be read, or shows nothing.
+        InputError: If the file cannot be read, or has no foreground.
     """
     indicator = _read_indicator(file, threshold)
     field = _smoothed(indicator)
@@ -85,7 +85,7 @@ def image_outline(file: Path, threshold: float | None = None) -> list[np.ndarray
 
 
 def loop_area(loop: np.ndarray) -> float:
-    """Area of a polygon (k, 2) in rows and columns, positive if it runs counter-clockwise with rows downwards."""
+    """Compute the area of a polygon of (row, column), shape (k, 2), positive if counterclockwise in the image."""
     rows, columns = loop.T
     return float((columns * np.roll(rows, -1) - rows * np.roll(columns, -1)).sum()) / -2
 
@@ -118,7 +118,7 @@ def _read_indicator(file: Path, threshold: float | None) -> _Indicator:
 
 
 def _read_values(file: Path) -> tuple[np.ndarray, bool]:
-    """Opacity (True) or brightness (False) of the pixels, in [0, 1]."""
+    """Read the opacity of the pixels (with True) or their brightness (with False), in [0, 1]."""
     try:
         with Image.open(file) as image:
             if image.has_transparency_data:
@@ -129,7 +129,7 @@ def _read_values(file: Path) -> tuple[np.ndarray, bool]:
                 values = np.asarray(image, dtype=np.float64)
                 return values / max(float(values.max()), 1.0), False
             return np.asarray(image.convert("RGB").convert("L"), dtype=np.float64) / 255, False
-    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
+    except Exception as error:  # readers raise various exceptions for damaged files
         raise InputError(
             f"{file} cannot be read as an image ({type(error).__name__}: {str(error)[:80]}): it may be cut short or of "
             "another format. Try saving it again as PNG."
@@ -137,7 +137,7 @@ def _read_values(file: Path) -> tuple[np.ndarray, bool]:
 
 
 class _Field(NamedTuple):
-    """The field with a border of outside, before and after the steps were rounded."""
+    """The padded field before and after smoothing."""
 
     original: np.ndarray
     smooth: np.ndarray
@@ -155,7 +155,7 @@ def _smoothed(indicator: _Indicator) -> _Field:
 
 
 def _corners(mask: np.ndarray) -> np.ndarray:
-    """Pixels in a corner between a row and a column of pixels, of the inside or of the outside."""
+    """Mark pixels in a corner between a row and a column of inside or outside pixels."""
     found = np.zeros_like(mask)
     for inside in (mask, ~mask):
         for down, right in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
@@ -171,7 +171,7 @@ def _corners(mask: np.ndarray) -> np.ndarray:
 
 
 def _loops(field: np.ndarray, level: float) -> list[np.ndarray]:
-    """Closed polygons in rows and columns of the image without padding, all with the inside on one side."""
+    """Extract closed polygons of (row, column) without padding, all with the inside on the same side."""
     loops = [_with_corners(_simplified(contour[:-1])) for contour in find_contours(field, level)]
     loops = [loop - PADDING for loop in loops if len(loop) >= 3]
     if sum(map(loop_area, loops)) < 0:
@@ -180,7 +180,7 @@ def _loops(field: np.ndarray, level: float) -> list[np.ndarray]:
 
 
 def _simplified(loop: np.ndarray) -> np.ndarray:
-    """The polygon without corners that coincide with the next one, or lie on a line with both neighbors."""
+    """Remove corners that coincide with the next one or are collinear with both neighbors."""
     loop = loop[np.linalg.norm(np.roll(loop, -1, 0) - loop, axis=1) > 1e-9]
     before, after = loop - np.roll(loop, 1, 0), np.roll(loop, -1, 0) - loop
     turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
@@ -188,7 +188,7 @@ def _simplified(loop: np.ndarray) -> np.ndarray:
 
 
 def _with_corners(loop: np.ndarray) -> np.ndarray:
-    """The polygon with the corners between a row and a column of pixels that the contour cuts off."""
+    """Restore the corners between a row and a column of pixels that the contour cuts off."""
     if len(loop) < 3:
         return loop
     sides = np.roll(loop, -1, 0) - loop
@@ -198,6 +198,6 @@ def _with_corners(loop: np.ndarray) -> np.ndarray:
     bevel &= (np.linalg.norm(before, axis=1) > SIDE) & (np.linalg.norm(after, axis=1) > SIDE)
     corners = loop.copy()
     ends = np.roll(loop, -1, 0)
-    # where the side before keeps its row or column, the corner has it too, and the other coordinate of the side after
+    # the corner shares its row or column with the side before, and the other coordinate with the side after
     corners[bevel] = np.where(upright[0][bevel], loop[bevel], ends[bevel])
     return corners[~np.roll(bevel, 1)]

@@ -1,4 +1,4 @@
-"""The surface of a labelled region, with the volume of its voxels."""
+"""The surface of a labeled region, which encloses the volume of its voxels."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from nsm.shapes.mesh_reading import signed_volume
 
 #: Standard deviation, in voxels, of the Gaussian that rounds the steps between voxels.
 SMOOTHING = 1.0
-#: Where rounding would move the surface past the center of a voxel by more than this, in values of the indicator, the
-#: steps are kept. It happens at walls and rods that are a voxel thick (−0.12 and −0.35), and at corners (−0.17).
+#: Change of the indicator at the center of a voxel above which smoothing is not applied there, because it would move
+#: the surface past the voxel: at walls and rods one voxel thick (−0.12 and −0.35), and at corners (−0.17).
 STEEP = 0.1
-#: The level that gives the surface its volume lies between these, about the middle between inside and outside.
+#: Bounds on the level that gives the surface its volume; 0 is the mean of inside and outside.
 LEVELS = (-0.45, 0.45)
-#: Voxels of the outside around the region.
+#: Number of outside voxels around the region.
 PADDING = 4
 
 
@@ -26,8 +26,8 @@ class LabelSurface(NamedTuple):
     """A closed surface around voxels.
 
     Attributes:
-        vertices: (v, 3) in indices of voxels, whose centers have whole numbers.
-        faces: Triangles (m, 3), with normals outwards.
+        vertices: Vertices in indices of voxels, whose centers are integers, shape (v, 3).
+        faces: Triangles with outward normals, shape (m, 3).
     """
 
     vertices: np.ndarray
@@ -38,12 +38,12 @@ def label_surface(mask: np.ndarray) -> LabelSurface:
     """Extract the boundary of a set of voxels, with sub-voxel accuracy.
 
     The indicator of the set, ±1/2, is smoothed by a Gaussian of one voxel, except where that would lose thin parts.
-    Smoothing shrinks what is curved, so that the level is not 0 but the one whose surface encloses as much as all
-    voxels of the set together, which is the unbiased estimate of the volume. On balls of 8 to 30 voxels the surface is
-    off by 0.07 voxels (RMS), against 0.2 for the indicator as it is.
+    Because smoothing shrinks curved parts, the level is not 0 but the one whose surface encloses the total volume of
+    the voxels, which is the unbiased estimate. On balls of 8 to 30 voxels the error of the surface is 0.07 voxels
+    (RMS), compared with 0.2 voxels without smoothing.
 
     Args:
-        mask: Which voxels belong to the region (i, j, k); at least one does.
+        mask: Whether each voxel belongs to the region, shape (i, j, k); at least one does.
     """
     filled = [np.flatnonzero(mask.any(axis=tuple(other for other in range(3) if other != axis))) for axis in range(3)]
     low = np.array([indices[0] for indices in filled])

@@ -1,4 +1,4 @@
-"""Shapes that are labels of a volume."""
+"""Shapes from labeled volumes."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from nsm.shapes.volume_files import Voxels, read_voxels, spaced
 
 log = logging.getLogger(__name__)
 
-#: A volume with more values than this is a picture, not a volume of labels.
-MOST_LABELS = 5000
-#: As many labels are listed in a message.
+#: Number of distinct values above which a volume is a scan, not a segmentation.
+MAX_LABELS = 5000
+#: Maximum number of labels listed in a message.
 LISTED = 20
 
 
 class LabelVolume(MeshShape):
-    """A labelled region of a volume of voxels, bounded by a mesh in the coordinates of the scanner.
+    """A labeled region of a voxel volume, bounded by a mesh in the coordinates of the scanner.
 
     The surface (`nsm.shapes.label_surface`) has the volume of the voxels of the region. Spacing and orientation are
-    those of the file, so that the inverse of the similarity of the provenance returns results in its millimeters.
+    those of the file, so that the inverse of the similarity in the provenance returns results in millimeters.
 
     Args:
         path: NIfTI, MGH, NRRD, or TIFF file of several pages.
-        label: Label of the region, or several that make it together; None takes the only one that is not 0.
-        spacing: Distances between voxels along the three axes, in place of what the file says of its coordinates.
-        fit: Half of the longest side after fitting; None keeps the coordinates of the scanner.
-        pose: Rotation, translation, and scale given to the region after that.
-        up: Direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
+        label: Label of the region, or several labels that form it together; None for the only label other than 0.
+        spacing: Distances between voxels along the three axes, which replace the coordinates of the file.
+        fit: Half the longest side of the bounding box after fitting; None keeps the coordinates of the scanner.
+        pose: Rotation, translation, and scale applied after fitting.
+        up: Direction in the coordinates of the file that becomes +y, before all else; None for +y.
 
     Raises:
-        InputError: If the file is no volume of labels, or does not hold the label.
+        InputError: If the file is not a volume of labels, or does not contain the label.
     """
 
     def __init__(
@@ -67,18 +67,18 @@ class LabelVolume(MeshShape):
 
 
 def choose_labels(values: np.ndarray, label: int | Sequence[int] | None, name: str) -> list[int]:
-    """The labels that make the region.
+    """Determine the labels that form the region.
 
     Args:
         values: Labels of all voxels; 0 is the background.
-        label: One, several, or None for the only one there is.
-        name: Of the file, for messages.
+        label: One label, several labels, or None for the only one.
+        name: Name of the file, for messages.
 
     Raises:
-        InputError: If a label is not in the volume, there are several and none is chosen, or the values are no labels.
+        InputError: If a label is not in the volume, none of several is chosen, or the values are not labels.
     """
     present = np.unique(values)
-    if len(present) > MOST_LABELS or not (np.isfinite(present).all() and (present == np.round(present)).all()):
+    if len(present) > MAX_LABELS or not (np.isfinite(present).all() and (present == np.round(present)).all()):
         raise InputError(
             f"{name} must hold whole numbers, the labels of its voxels, got {len(present)} different values between "
             f"{present[0]:g} and {present[-1]:g}. Try a segmentation in place of the scan."
@@ -100,7 +100,7 @@ def choose_labels(values: np.ndarray, label: int | Sequence[int] | None, name: s
 
 
 def _in_scanner(voxels: Voxels, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices in the coordinates of the scanner, and triangles with normals outwards there."""
+    """Extract vertices in the coordinates of the scanner, and triangles with outward normals."""
     surface = label_surface(mask)
     vertices = surface.vertices @ voxels.affine[:3, :3].T + voxels.affine[:3, 3]
     mirrored = np.linalg.det(voxels.affine[:3, :3]) < 0
@@ -108,7 +108,7 @@ def _in_scanner(voxels: Voxels, mask: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _report_cut(mask: np.ndarray, name: str) -> None:
-    """Warn of a region that reaches the border of the volume, where it is closed by a flat face."""
+    """Warn about a region that reaches the border of the volume, where a flat face closes it."""
     faces = [mask.take(end, axis=axis).any() for axis in range(3) for end in (0, -1)]
     if any(faces):
         log.warning("the region in %s reaches %d faces of the volume: it is cut and closed there", name, sum(faces))

@@ -1,4 +1,4 @@
-"""Normals of point clouds that come without them: estimated from neighbors, and oriented consistently."""
+"""Estimation and consistent orientation of normals of point clouds."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-#: Neighbors of a point that its tangent plane is fitted to.
+#: Number of neighbors to which the tangent plane of a point is fitted.
 PLANE_NEIGHBORS = 12
-#: Neighbors of a point in whose directions the rim of the cloud is looked for.
+#: Number of neighbors whose directions determine whether a point lies at a rim.
 RIM_NEIGHBORS = 20
-#: A point lies at a rim if no neighbor is seen, from above its tangent plane, within an angle of this many degrees.
-#: In the middle of a random cloud that happens to 1 of 600 points.
+#: Angle in degrees of the tangent plane without neighbors from which a point counts as lying at a rim. In the interior
+#: of a random cloud this happens to 1 of 600 points.
 RIM_ANGLE = 140.0
-#: Points at a rim are of the same hole up to this many radii of the neighborhoods; fewer of them than this are chance.
+#: Maximum distance of points at the rim of one hole, in radii of the neighborhoods, and minimum number of such points.
 RIM_REACH, RIM_POINTS = 2.5, 12
-#: Neighbors contradict each other where the cosine between their normals is below this.
+#: Cosine between the normals of neighbors below which they contradict each other.
 CONTRADICTION = -0.5
 
 
@@ -26,9 +26,9 @@ class Orientation(NamedTuple):
     """Normals of a cloud.
 
     Attributes:
-        normals: Unit normals (n, 3), outwards as far as that could be told.
-        agreement: Share of neighbors whose normals do not point in opposite directions.
-        pieces: Number of pieces of the cloud that no neighbors connect.
+        normals: Unit normals, outward where this could be determined, shape (n, 3).
+        agreement: Fraction of neighbors whose normals do not point in opposite directions.
+        pieces: Number of connected components of the graph of neighbors.
     """
 
     normals: np.ndarray
@@ -37,24 +37,30 @@ class Orientation(NamedTuple):
 
 
 class Rims(NamedTuple):
-    """Where a cloud ends: points on the rims of its holes, and how many holes there are."""
+    """The rims of a partial cloud.
+
+    Attributes:
+        points: Number of points on rims of holes.
+        holes: Number of holes.
+    """
 
     points: int
     holes: int
 
 
 def estimate_normals(points: np.ndarray) -> Orientation:
-    """Fit a tangent plane to the neighbors of each point, and turn the normals alike along a spanning tree.
+    """Fit a tangent plane to the neighbors of each point, and orient the normals along a spanning tree.
 
     The normal is the direction of least variance among the neighbors (principal component analysis). Signs are
     propagated along the minimum spanning tree of the graph of neighbors with the weights 1 − |⟨n_i, n_j⟩|, from the
-    highest point of each piece, whose normal points up.
+    highest point of each component, whose normal points up.
 
     Args:
-        points: Distinct points (n, 3), more than `PLANE_NEIGHBORS`.
+        points: Distinct points, more than `PLANE_NEIGHBORS`, shape (n, 3).
 
     References:
-        Hoppe et al., "Surface reconstruction from unorganized points", SIGGRAPH 1992, doi:10.1145/133994.134011.
+        Hoppe et al., Surface Reconstruction from Unorganized Points, SIGGRAPH 1992.
+        https://doi.org/10.1145/133994.134011
     """
     count = len(points)
     _, near = cKDTree(points).query(points, k=PLANE_NEIGHBORS + 1)
@@ -63,7 +69,7 @@ def estimate_normals(points: np.ndarray) -> Orientation:
     normals = axes[:, :, 0]
     rows, columns = np.repeat(np.arange(count), PLANE_NEIGHBORS), near[:, 1:].ravel()
     cosines = np.einsum("ij,ij->i", normals[rows], normals[columns])
-    # zeros would be no edges of a sparse graph
+    # sparse graphs omit edges of weight zero
     weights = 1 - np.abs(cosines) + 1e-9
     graph = coo_array((weights, (rows, columns)), shape=(count, count)).tocsr()
     tree = minimum_spanning_tree(graph.maximum(graph.T))
@@ -83,22 +89,22 @@ def estimate_normals(points: np.ndarray) -> Orientation:
 
 
 def find_rims(points: np.ndarray, normals: np.ndarray) -> Rims:
-    """Count the points at rims, around which the neighbors leave a wide angle of the tangent plane empty.
+    """Count the points at rims, where a wide angle of the tangent plane contains no neighbors.
 
     Args:
-        points: Distinct points (n, 3), more than `RIM_NEIGHBORS`.
-        normals: Unit normals (n, 3).
+        points: Distinct points, more than `RIM_NEIGHBORS`, shape (n, 3).
+        normals: Unit normals, shape (n, 3).
 
     References:
-        Bendels, Schnabel and Klein, "Detecting holes in point set surfaces", Journal of WSCG 14, 2006.
+        Bendels, Schnabel, and Klein, Detecting Holes in Point Set Surfaces, Journal of WSCG 14, 2006.
     """
     distances, near = cKDTree(points).query(points, k=RIM_NEIGHBORS + 1)
-    towards = points[near[:, 1:]] - points[:, None]
+    offsets = points[near[:, 1:]] - points[:, None]
     aside = np.where(np.abs(normals[:, :1]) < 0.7, [1.0, 0, 0], [0, 1.0, 0])
     first = np.cross(normals, aside)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals, first)
-    angles = np.arctan2(np.einsum("nki,ni->nk", towards, second), np.einsum("nki,ni->nk", towards, first))
+    angles = np.arctan2(np.einsum("nki,ni->nk", offsets, second), np.einsum("nki,ni->nk", offsets, first))
     angles.sort(axis=1)
     gaps = np.diff(np.concatenate([angles, angles[:, :1] + 2 * np.pi], 1), axis=1).max(1)
     rim = np.flatnonzero(gaps > np.deg2rad(RIM_ANGLE))

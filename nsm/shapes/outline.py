@@ -1,4 +1,4 @@
-"""Shapes in the plane that are bounded by polygons."""
+"""Shapes in 2D bounded by polygons."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from nsm.shapes.sampling import sample_mesh_surface, unit_normals
 from nsm.shapes.similarity import Pose, Similarity
 from nsm.types import SimplexMesh, SurfaceSamples
 
-#: Nearer to a segment than this part of the size of the shape, the distance is the height above it, whose gradient is
-#: defined on the segment too.
+#: Distance to a segment, relative to the size of the shape, below which the height above the segment is used, because
+#: its gradient is defined on the segment as well.
 _ON_SEGMENT = 1e-5
-#: A closest point this near to a corner, in parts of its segment, is the corner.
+#: Distance to a corner, relative to the segment, below which a closest point counts as the corner.
 _AT_CORNER = 1e-9
-#: Margin around the shape in which its field is looked at, in parts of its size.
+#: Margin around the shape in its local box, relative to its size.
 _MARGIN = 0.05
 
 
 class OutlineShape(FieldShape):
-    """The exact signed distance to closed polygons, which bound one or several pieces with holes.
+    """The exact signed distance to closed polygons, which may bound several components and holes.
 
     The distance is that to the closest point c of the segments; its sign is that of ⟨p − c, n⟩ with n the normal of the
     segment or, at a corner, the sum of the normals of both.
 
     Args:
-        corners: How many corners there are. They are part of the state, in double precision and relative to the center
-            of the shape.
-        loops: How many of them each polygon has, one after the other: outlines run counter-clockwise, holes clockwise.
-        pose: From the coordinates of the file to the box.
-        placement: From coordinates relative to the center of the shape to the box.
-        origin: Where the shape comes from (part of the provenance).
+        corners: Number of corners, which are part of the state, in double precision and relative to the center of the
+            shape.
+        loops: Number of corners of each polygon in order. Outlines are counterclockwise and holes clockwise.
+        pose: Map from the coordinates of the file to the box.
+        placement: Map from coordinates relative to the center of the shape to the box.
+        origin: Origin of the shape, for the provenance.
 
     References:
-        Bærentzen and Aanæs, "Signed distance computation using the angle weighted pseudonormal", IEEE TVCG 2005,
-        doi:10.1109/TVCG.2005.49.
+        Bærentzen and Aanæs, Signed Distance Computation Using the Angle Weighted Pseudonormal, IEEE Transactions on
+        Visualization and Computer Graphics 2005. https://doi.org/10.1109/TVCG.2005.49
     """
 
     vertices: Tensor
@@ -67,7 +67,7 @@ class OutlineShape(FieldShape):
         self._search: Triangles | None = None
 
     def local_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-        """Signed distance, differentiable once."""
+        """Evaluate the signed distance; the result can be differentiated once."""
         x = p.double()
         with torch.no_grad():
             foot, normal = self._closest(x)
@@ -78,34 +78,34 @@ class OutlineShape(FieldShape):
         return torch.where(on, ((x - foot) * normal).sum(1), torch.where(height < 0, -away, away)).to(p)
 
     def local_surface(self) -> SimplexMesh:
-        """The polygons themselves."""
+        """Return the polygons."""
         return SimplexMesh(self.vertices, self.segments)
 
     def surface(self) -> SimplexMesh:
-        """The polygons in the box, in the default precision."""
+        """Return the polygons in the coordinates of the box, in the default precision."""
         vertices = self.placement.apply(self.vertices.double()).to(torch.get_default_dtype())
         return SimplexMesh(vertices, self.segments)
 
     def local_box(self) -> Float[Tensor, "2 d"]:
-        """The bounding box with a margin."""
+        """Return the bounding box with a margin."""
         low, high = self.vertices.amin(0), self.vertices.amax(0)
         margin = _MARGIN * (high - low).max()
         return torch.stack([low - margin, high + margin])
 
     def volume(self) -> float:
-        """Area by the shoelace formula; holes count negative."""
+        """Compute the area by the shoelace formula, in which holes are negative."""
         start, end = self.vertices[self.segments].unbind(1)
         own = float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum()) / 2
         return self.placement.scale**2 * own
 
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
-        """Points drawn by length on the segments, and the normals of the segments."""
+        """Sample points by length on the segments, with the normals of the segments."""
         mesh = self.surface()
         points, chosen = sample_mesh_surface(mesh, count, generator)
         return SurfaceSamples(points, unit_normals(mesh.vertices[mesh.simplices[chosen]]))
 
     def config(self) -> dict[str, Any]:
-        """Sizes, placement, and origin; the corners are the state."""
+        """Return sizes, placement, and origin; the corners are the state."""
         return {
             "_target_": "nsm.shapes.OutlineShape",
             "corners": len(self.vertices),
@@ -116,17 +116,17 @@ class OutlineShape(FieldShape):
         }
 
     def content_key(self) -> str:
-        """SHA-256 of the polygons and their place in the box, from any file."""
+        """Hash the polygons and their placement with SHA-256, independently of the file."""
         digest = hashlib.sha256(json.dumps([self.loops, self.placement.to_config()]).encode())
         digest.update(self.vertices.cpu().numpy().tobytes())
         return digest.hexdigest()
 
     def provenance(self) -> dict[str, Any]:
-        """File, hash, and the similarity from its coordinates to the box."""
+        """Return file, checksum, and the similarity from the coordinates of the file to the box."""
         return {**self.origin, "similarity": self.similarity.to_config()}
 
     def _closest(self, x: Float[Tensor, "n d"]) -> tuple[Tensor, Tensor]:
-        """Closest points (n, 2), and unit vectors (n, 2) whose side tells the sign there."""
+        """Find closest points, shape (n, 2), and unit pseudonormals at them, shape (n, 2), which determine the sign."""
         if self._search is None:
             corners, (start, end) = self.vertices.double().cpu().numpy(), self.segments.cpu().numpy().T
             # a segment is a triangle without area, whose search tree is that of triangles in space

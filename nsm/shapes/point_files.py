@@ -1,4 +1,4 @@
-"""Point clouds read from files, with normals where the file has them."""
+"""Reading of point clouds, with normals if the file contains them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,19 @@ from nsm.cli.extras import require
 
 log = logging.getLogger(__name__)
 
-#: Endings of files that can be read.
+#: Extensions of supported files.
 POINT_FORMATS = (".ply", ".xyz", ".txt", ".npy", ".las", ".laz")
-#: More points than this are thinned out at random.
-MOST_POINTS = 1_000_000
+#: Number of points above which a random subset is used.
+MAX_POINTS = 1_000_000
 
 
 class PointColumns(NamedTuple):
-    """Points (n, 3) as they stand in a file, and their normals (n, 3) if it has any."""
+    """Points of a file.
+
+    Attributes:
+        points: Points in the coordinates of the file, shape (n, 3).
+        normals: Normals, shape (n, 3), or None if the file contains none.
+    """
 
     points: np.ndarray
     normals: np.ndarray | None
@@ -31,7 +36,7 @@ def read_points(file: Path) -> PointColumns:
     """Read the points of a file.
 
     Raises:
-        InputError: If the ending is unknown, or the content is damaged or no cloud in space.
+        InputError: If the extension is not supported, or the content is damaged or not a cloud in 3D.
     """
     suffix = file.suffix.lower()
     if suffix not in POINT_FORMATS:
@@ -45,7 +50,7 @@ def read_points(file: Path) -> PointColumns:
         rows = _READERS[suffix](file)
     except InputError:
         raise
-    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
+    except Exception as error:  # readers raise various exceptions for damaged files
         raise InputError(
             f"{file} cannot be read as a point cloud ({type(error).__name__}: {str(error)[:80]}): it may be cut short "
             "or of another format. Try exporting it again."
@@ -54,10 +59,10 @@ def read_points(file: Path) -> PointColumns:
 
 
 def as_columns(rows: np.ndarray, name: str) -> PointColumns:
-    """Split rows of three or six numbers into points and normals; colors in place of normals are left out.
+    """Split rows of three or six numbers into points and normals; colors in place of normals are ignored.
 
     Raises:
-        InputError: If there are not three or six numbers in a row.
+        InputError: If rows do not have three or six numbers.
     """
     if rows.ndim != 2 or rows.shape[1] not in (3, 6):
         raise InputError(
@@ -65,9 +70,9 @@ def as_columns(rows: np.ndarray, name: str) -> PointColumns:
             f"{tuple(rows.shape)}. Try one row per point."
         )
     rows = np.asarray(rows, dtype=np.float64)
-    if len(rows) > MOST_POINTS:
-        log.warning("%s has %d points, of which %d are drawn at random", name, len(rows), MOST_POINTS)
-        rows = rows[np.sort(np.random.default_rng(0).choice(len(rows), MOST_POINTS, replace=False))]
+    if len(rows) > MAX_POINTS:
+        log.warning("%s has %d points, of which %d are drawn at random", name, len(rows), MAX_POINTS)
+        rows = rows[np.sort(np.random.default_rng(0).choice(len(rows), MAX_POINTS, replace=False))]
     points, rest = rows[:, :3], rows[:, 3:]
     if rest.shape[1] and _are_colors(rest):
         log.warning("columns 4 to 6 of %s are whole numbers up to 255: they are taken for colors, not normals", name)
@@ -76,13 +81,13 @@ def as_columns(rows: np.ndarray, name: str) -> PointColumns:
 
 
 def _are_colors(columns: np.ndarray) -> bool:
-    """Whether three columns are colors of 8 bits."""
+    """Check whether three columns are 8-bit colors."""
     whole = bool((columns == np.round(columns)).all())
     return whole and float(columns.min()) >= 0 and 1 < float(columns.max()) <= 255
 
 
 def _text_rows(file: Path) -> np.ndarray:
-    """Numbers separated by spaces or commas."""
+    """Read numbers separated by spaces or commas."""
     with file.open(encoding="utf-8") as lines:
         return np.loadtxt((line.replace(",", " ") for line in lines), ndmin=2, dtype=np.float64)
 
@@ -92,12 +97,12 @@ def _npy_rows(file: Path) -> np.ndarray:
 
 
 def _ply_rows(file: Path) -> np.ndarray:
-    """Columns x, y, z, nx, ny, nz of the vertices, or x, y, z alone."""
+    """Read the columns x, y, z, nx, ny, nz of the vertices, or only x, y, z."""
     cloud = trimesh.load(file, process=False)
     data = cloud.metadata["_ply_raw"]["vertex"]["data"]
     names = data.dtype.names if isinstance(data, np.ndarray) else list(data)
-    places, normals = ("x", "y", "z"), ("nx", "ny", "nz")
-    columns = places + normals if set(normals) <= set(names) else places
+    positions, normals = ("x", "y", "z"), ("nx", "ny", "nz")
+    columns = positions + normals if set(normals) <= set(names) else positions
     return np.stack([np.asarray(data[c], dtype=np.float64).reshape(-1) for c in columns], 1)
 
 

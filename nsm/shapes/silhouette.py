@@ -1,4 +1,4 @@
-"""Shapes in the plane from pictures: what an image shows, or what a drawing fills."""
+"""Shapes in 2D from images and drawings."""
 
 from __future__ import annotations
 
@@ -15,25 +15,24 @@ from nsm.shapes.placing import FilePlacement, centered
 from nsm.shapes.similarity import Pose, Similarity
 from nsm.shapes.svg_outline import svg_outline
 
-#: Endings of files that can be read.
+#: Extensions of supported files.
 PICTURE_FORMATS = (*IMAGE_FORMATS, ".svg")
 
 
 class Silhouette(OutlineShape):
-    """The region that a picture shows, with exact distances to its outline; it may have holes and several pieces.
+    """The region shown by an image or drawing, with exact distances to its outline; it may have holes.
 
-    Coordinates of the file are pixels from the lower left corner of an image, and those of an SVG drawing with y
-    upwards.
+    The coordinates of an image are pixels from its lower left corner; those of an SVG drawing have y pointing upward.
 
     Args:
         path: Image with transparency or with a background of one brightness, or SVG drawing of filled paths.
-        threshold: Opacity or brightness in (0, 1) at which the inside of an image begins; None finds it.
-        fit: Half of the longest side after fitting; None keeps the coordinates of the file.
-        pose: Rotation, translation, and scale given to the shape after that.
-        up: Direction in the coordinates of the file that becomes +y, before all else; None if it is +y already.
+        threshold: Opacity or brightness in (0, 1) at which the inside of an image begins; None for an automatic choice.
+        fit: Half the longest side of the bounding box after fitting; None keeps the coordinates of the file.
+        pose: Rotation, translation, and scale applied after fitting.
+        up: Direction in the coordinates of the file that becomes +y, before all else; None for +y.
 
     Raises:
-        InputError: If the file is no picture, or shows no silhouette.
+        InputError: If the file is not an image or drawing, or shows no region.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Surfaces in the formats of visualization (VTK) and neuroimaging (GIFTI, FreeSurfer)."""
+"""Reading of surfaces in formats of visualization (VTK) and neuroimaging (GIFTI, FreeSurfer)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import trimesh
 
 from nsm.cli.extras import require
 
-#: Endings of files of VTK, legacy and XML.
+#: Extensions of VTK files, legacy and XML.
 VTK_FORMATS = (".vtk", ".vtp", ".vtu")
-#: Endings of surfaces of the brain.
+#: Extensions of surfaces of the brain.
 BRAIN_FORMATS = (".gii", ".pial", ".white")
-#: Endings of files that can be read.
+#: Extensions of supported files.
 SURFACE_FORMATS = (*VTK_FORMATS, *BRAIN_FORMATS)
 
 
 def read_surface(file: Path) -> trimesh.Trimesh:
-    """Read the triangles of a file in its own coordinates; polygons are cut into triangles, and cells give their hull.
+    """Read triangles in the coordinates of the file; polygons are triangulated, and cells contribute their boundary.
 
     Raises:
         InputError: If the package that reads the format is not installed.
@@ -33,7 +33,7 @@ def _vtk(file: Path) -> tuple[np.ndarray, np.ndarray]:
     require("pyvista", extra="render", task=f"Reading {file.suffix.lower()}")
     import pyvista
 
-    with warnings.catch_warnings():  # of a damaged file VTK warns, and gives nothing
+    with warnings.catch_warnings():  # VTK warns about damaged files and returns nothing
         warnings.simplefilter("ignore")
         data = pyvista.read(file)
     if isinstance(data, pyvista.MultiBlock):

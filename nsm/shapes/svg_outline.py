@@ -10,29 +10,29 @@ import numpy as np
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 
-#: Curves become polygons that are off by at most this part of the size of their path.
+#: Maximum deviation of polygons from curves, relative to the size of the path.
 TOLERANCE = 1e-4
-#: Pieces of a curve from which its deviation from a polygon is measured.
+#: Number of pieces of a curve from which the deviation is estimated.
 _PROBES = 8
-#: A fill whose colors are all at least this bright (of 255) is paper: it covers what was drawn before.
+#: Minimum of all color channels (of 255) of a fill that counts as paper and covers what lies below it.
 _PAPER = 250
 
 
 def svg_outline(file: Path) -> list[np.ndarray]:
     """Unite the filled shapes of a drawing, in the order in which they are painted.
 
-    Fill rules, transformations, and holes are those of SVG; white shapes take away what lies below them. If nothing is
-    filled, closed strokes are taken for outlines.
+    Fill rules, transformations, and holes are those of SVG; white shapes remove what lies below them. If nothing is
+    filled, closed strokes serve as outlines.
 
     Args:
-        file: Drawing.
+        file: SVG file.
 
     Returns:
-        Corners (k, 2) of each polygon, in pixels of the document with y upwards (the negative of that in the file):
-        outlines run counter-clockwise, holes clockwise.
+        Corners of each polygon in pixels of the document with y upward, shape (k, 2). Outlines are counterclockwise and
+        holes clockwise.
 
     Raises:
-        InputError: If the file cannot be read, or holds no closed shape.
+        InputError: If the file cannot be read, or contains no closed shape.
     """
     require("svgelements", "shapely", extra="svg", task="Reading .svg")
     import shapely
@@ -46,7 +46,7 @@ def svg_outline(file: Path) -> list[np.ndarray]:
         polygons = [(_region(shapely, svgelements, shape), paper) for shape, paper in painted]
     except InputError:
         raise
-    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
+    except Exception as error:  # readers raise various exceptions for damaged files
         raise InputError(
             f"{file} cannot be read as an SVG drawing ({type(error).__name__}: {str(error)[:80]}). Try saving it again "
             "as plain SVG."
@@ -75,7 +75,7 @@ def _is_paper(shape: Any) -> bool:
 
 
 def _region(shapely: Any, svgelements: Any, shape: Any) -> Any:
-    """What a shape fills by its rule: all faces of its lines whose winding number is odd, or not 0."""
+    """Compute the region that a shape fills: all faces whose winding number is odd or not 0, by its fill rule."""
     loops = [loop for loop in _closed_loops(svgelements, abs(svgelements.Path(shape))) if len(loop) >= 3]
     if not loops:
         return shapely.MultiPolygon()
@@ -91,7 +91,7 @@ def _is_filled(winding: int, odd: bool) -> bool:
 
 
 def _winding(loops: list[np.ndarray], point: Any) -> int:
-    """How often loops run around a point: crossings of the ray to the right, signed by their direction."""
+    """Compute the winding number of loops around a point from signed crossings of the ray to the right."""
     total = 0
     for loop in loops:
         (x, y), (u, v) = (loop - [point.x, point.y]).T, (np.roll(loop, -1, 0) - [point.x, point.y]).T
@@ -101,7 +101,7 @@ def _winding(loops: list[np.ndarray], point: Any) -> int:
 
 
 def _closed_loops(svgelements: Any, path: Any) -> list[np.ndarray]:
-    """Polygons (k, 2) of the parts of a path; y points up."""
+    """Convert the parts of a path to polygons, shape (k, 2), with y upward."""
     box = path.bbox()
     size = max(box[2] - box[0], box[3] - box[1]) if box else 0.0
     loops: list[list[complex]] = []
@@ -117,7 +117,7 @@ def _closed_loops(svgelements: Any, path: Any) -> list[np.ndarray]:
 
 
 def _curve(segment: Any, tolerance: float) -> list[complex]:
-    """Inner corners of a polygon along a curve; its deviation falls with the square of their number."""
+    """Place the inner corners of a polygon along a curve, whose deviation is quadratic in their distance."""
 
     def points(count: int) -> np.ndarray:
         return np.array([complex(p.x, p.y) for p in map(segment.point, np.arange(count + 1) / count)])

@@ -1,4 +1,4 @@
-"""Volumes of voxels read from files, with the map from their indices to the coordinates of the scanner."""
+"""Reading of voxel volumes, with the map from indices to the coordinates of the scanner."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 
-#: Endings of files that can be read.
+#: Extensions of supported files.
 VOLUME_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mgz", ".mgh", ".tif", ".tiff")
 
 
@@ -19,8 +19,8 @@ class Voxels(NamedTuple):
     """A volume of voxels.
 
     Attributes:
-        values: One value per voxel, indexed by (i, j, k).
-        affine: Matrix (4, 4) that takes the index of a voxel to the coordinates of its center.
+        values: Values of the voxels, shape (i, j, k).
+        affine: Matrix that maps the index of a voxel to the coordinates of its center, shape (4, 4).
     """
 
     values: np.ndarray
@@ -28,14 +28,14 @@ class Voxels(NamedTuple):
 
 
 def read_voxels(file: Path) -> Voxels:
-    """Read the volume of a file.
+    """Read a volume from a file.
 
     NIfTI and MGH files give coordinates in millimeters to the right, the front, and the top of a patient (RAS); NRRD
     files in the space that they name; TIFF files (column, row, page) times the spacing, which is 1 unless ImageJ wrote
     it.
 
     Raises:
-        InputError: If the file cannot be read, or holds no volume.
+        InputError: If the file cannot be read, or contains no volume.
     """
     suffix = volume_suffix(file)
     if file.stat().st_size == 0:
@@ -45,7 +45,7 @@ def read_voxels(file: Path) -> Voxels:
         values, affine = reader(file)
     except InputError:
         raise
-    except Exception as error:  # readers of damaged files raise anything, and all of it means one thing
+    except Exception as error:  # readers raise various exceptions for damaged files
         raise InputError(
             f"{file} cannot be read as a volume ({type(error).__name__}: {str(error)[:80]}): it may be cut short or of "
             "another format. Try exporting it again."
@@ -66,10 +66,10 @@ def read_voxels(file: Path) -> Voxels:
 
 
 def volume_suffix(file: Path) -> str:
-    """The ending by which a volume is read.
+    """Find the extension that determines the format of a volume.
 
     Raises:
-        InputError: If it is none that is known.
+        InputError: If the extension is not supported.
     """
     name = file.name.lower()
     for suffix in VOLUME_FORMATS:
@@ -81,7 +81,7 @@ def volume_suffix(file: Path) -> str:
 
 
 def spaced(spacing: Sequence[float]) -> np.ndarray:
-    """Matrix (4, 4) of a grid with these distances between voxels, whose first voxel is the origin.
+    """Build the matrix of a grid with given distances between voxels and the first voxel at the origin.
 
     Raises:
         InputError: If they are not three positive numbers.
@@ -131,7 +131,7 @@ def _tiff_reader(suffix: str) -> Any:
         with tifffile.TiffFile(file) as tiff:
             pages = tiff.series[0].asarray()
             spacing = [1.0, 1.0, 1.0]
-            if tiff.imagej_metadata:  # others write the resolution of a printer
+            if tiff.imagej_metadata:  # other programs write the print resolution
                 spacing = [*_pixel_size(tiff.pages[0]), float(tiff.imagej_metadata.get("spacing", 1.0))]
         return pages.squeeze().T, spaced(spacing)
 
@@ -139,7 +139,7 @@ def _tiff_reader(suffix: str) -> Any:
 
 
 def _pixel_size(page: Any) -> list[float]:
-    """Width and height of a pixel; the tags hold the number of pixels per unit of length as a fraction."""
+    """Compute width and height of a pixel from tags, which contain pixels per unit of length as fractions."""
     fractions = [page.tags[name].value for name in ("XResolution", "YResolution") if name in page.tags]
     sizes = [units / pixels for pixels, units in fractions if pixels and units]
     return sizes if len(sizes) == 2 else [1.0, 1.0]
