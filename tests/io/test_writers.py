@@ -91,9 +91,9 @@ def test_a_new_file_has_the_usual_permissions(tmp_path):
 
 def test_places_that_cannot_be_written_are_named(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"), whole_file(tmp_path / "file" / "mesh.ply"):
+    with pytest.raises(InputError, match="must be writable"), whole_file(tmp_path / "file" / "mesh.ply"):
         pass
-    with pytest.raises(InputError, match="is a folder"), whole_file(tmp_path):
+    with pytest.raises(InputError, match="got a folder"), whole_file(tmp_path):
         pass
 
 

@@ -210,8 +210,8 @@ def test_a_run_goes_on_only_as_it_began(whole: Path, capsys: pytest.CaptureFixtu
     changes = ["sampler.size=100", "velocity=free"]
     assert train_here(*RUN, *changes, f"hydra.run.dir={whole}", "resume=true") == 2
     said = capsys.readouterr().err.strip()
-    assert "was written with another sampler.size, velocity._target_, velocity.beta: repeat" in said
-    assert "the command it was started with, plus resume=true, or choose another hydra.run.dir" in said
+    assert "got another sampler.size, velocity._target_, velocity.beta. Try the command that started the run" in said
+    assert "`resume=true` must repeat the settings of the run in" in said
     assert len(said.splitlines()) == 1
     assert same(weights(whole), kept)
 
@@ -269,7 +269,7 @@ def test_a_collapse_goes_back_to_the_last_good_checkpoint_with_half_the_step(
         at_step(13, ill)
         assert train_here(*RUN, "scheduler=constant", f"hydra.run.dir={tmp_path}") == 0
     told = (tmp_path / "train.log").read_text()
-    assert "the loss eikonal is not finite at step 13: going back to the last good checkpoint with 0.5 of" in told
+    assert "the loss eikonal is not finite at step 13. Going back to the last good checkpoint with 0.5 of" in told
     assert state(tmp_path)["global_step"] == 24
     assert state(tmp_path)["lr_schedulers"][0]["base_lrs"] == [0.5e-4]
     assert state(tmp_path)["optimizer_states"][0]["param_groups"][0]["lr"] == 0.5e-4
@@ -291,7 +291,7 @@ def test_a_second_collapse_ends_with_a_sentence_and_leaves_the_last_good_checkpo
     monkeypatch.setattr(MorphTask, "training_step", blown_up)
     assert train_here(*RUN, f"hydra.run.dir={tmp_path}") == 2
     said = capsys.readouterr().err
-    assert "nsm: training collapsed twice (the loss level_set, dirichlet" in said
+    assert "nsm: Training must stay stable, got two collapses (the loss level_set, dirichlet" in said
     assert "lower optimizer.lr fourfold, or raise sampler.size" in said
     assert "Traceback" not in said
     assert state(tmp_path)["global_step"] == 8
@@ -300,8 +300,8 @@ def test_a_second_collapse_ends_with_a_sentence_and_leaves_the_last_good_checkpo
 
 def test_a_shape_that_vanishes_is_noticed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert train_here(*WILD, f"hydra.run.dir={tmp_path}") == 2
-    assert "nsm: training collapsed twice (the " in capsys.readouterr().err
-    assert "going back to the beginning with 0.5 of the learning rate" in (tmp_path / "train.log").read_text()
+    assert "nsm: Training must stay stable, got two collapses (the " in capsys.readouterr().err
+    assert "Going back to the beginning with 0.5 of the learning rate" in (tmp_path / "train.log").read_text()
     assert not (tmp_path / "checkpoints" / "last.ckpt").exists()
 
 
@@ -310,4 +310,4 @@ def test_a_collapse_does_not_go_back_to_the_checkpoint_of_an_older_run(
 ) -> None:
     through(tmp_path, *RUN, "seed=5", "steps=2", "validations=1")
     assert train_here(*WILD, f"hydra.run.dir={tmp_path}") == 2
-    assert "going back to the beginning" in (tmp_path / "train.log").read_text()
+    assert "Going back to the beginning" in (tmp_path / "train.log").read_text()

@@ -59,14 +59,24 @@ def test_a_run_writes_everything_it_promises_and_says_where(finished: tuple) -> 
     assert process.returncode == 0, process.stderr
     assert files(folder) == WRITTEN
     assert all((folder / name).stat().st_size > 0 for name in WRITTEN)
-    assert all(str(folder / name) in process.stdout for name in WRITTEN)
-    assert "12 steps in" in process.stdout
+
+
+def test_the_printed_summary_is_short_and_names_three_files(finished: tuple) -> None:
+    folder, process = finished
+    lines = process.stdout.splitlines()
+    begin = next(index for index, line in enumerate(lines) if line.startswith("Finished: 12 steps in "))
+    figures, place, names = lines[begin + 1 :]
+    assert figures.startswith("  error ")
+    assert place == f"Files in {folder}"
+    assert names.split() == ["checkpoints/best.ckpt", "strip.png", "summary.json"]
+    assert max(map(len, (lines[begin], figures, names))) <= 80
+    assert "No shapes were given" not in process.stdout
 
 
 def test_a_run_warns_of_nothing_but_its_own_roughness(finished: tuple) -> None:
     said = finished[1].stdout + finished[1].stderr
-    assert said.count("[WARNING]") == said.count("off that of its end shapes") == 1
-    said = "".join(line for line in said.splitlines() if "off that of its end shapes" not in line)
+    assert said.count("warning: ") == said.count("differs from that of its end shapes") == 1
+    said = "".join(line for line in said.splitlines() if "differs from that of its end shapes" not in line)
     assert "Warning" not in said
     assert "warn" not in said.lower().replace("warmup", "")
     assert "is deprecated" not in said
@@ -237,7 +247,11 @@ def test_a_multirun_ends_with_a_table_of_all_runs(
         assert float(row["val/error"]) == summary["val/error"]
     told = capsys.readouterr().out
     assert "2 runs in" in told
-    assert "velocity=" in told
+    table = told[told.index("2 runs in") :]
+    assert "velocity=" in table
+    assert all(header in table for header in ("error", "volume", "ends", "components"))
+    assert "slope" not in table
+    assert max(map(len, table.splitlines())) <= 80
 
 
 def test_a_run_of_a_sweep_that_is_refused_does_not_stop_the_others(
@@ -265,7 +279,7 @@ def test_everything_at_the_end_of_a_run_is_of_the_best_checkpoint(
     monkeypatch.setattr(callbacks.strip, "try_strip", lambda file, morph, *rest, **more: drawn.append(morph))
     run = (*DISK, "optimizer.lr=1e-2", "callbacks.meshes.times=[0.5]")
     assert train_here(*run, f"hydra.run.dir={tmp_path}") == 0
-    assert "best.ckpt and what is drawn of it are of step 6" in capsys.readouterr().out
+    assert "; best at step 6" in capsys.readouterr().out
     best, last = (load_morph(tmp_path / "checkpoints" / f"{name}.ckpt") for name in ("best", "last"))
     x = torch.rand(20, 2) - 0.5
     assert not torch.equal(best(x, 0.5), last(x, 0.5))
