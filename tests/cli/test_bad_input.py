@@ -127,9 +127,7 @@ def test_a_value_that_makes_no_sense(
 def test_a_fit_that_collapses(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     assert train_here(*BARE, "sdf.loss.terms.eikonal.weight=inf", f"hydra.run.dir={folder}") == 2
     said = capsys.readouterr().err
-    assert (
-        "nsm: The fit of a network to the ball must succeed, got two failures (the loss eikonal" in said
-    )
+    assert "nsm: The fit of a network to the ball must succeed, got two failures (the loss eikonal" in said
     assert "Traceback" not in said
     assert not files(folder)
 
