@@ -187,7 +187,7 @@ def test_a_finished_run_is_not_made_again(finished: Path, capfd: pytest.CaptureF
     assert (finished / "checkpoints" / "last.ckpt").stat().st_mtime_ns == before
     assert "has already finished; optimal transport has no steps" in (finished / "train.log").read_text()
     assert train_here(*RUN, "resume=true", "seed=1", f"hydra.run.dir={finished}") == 2
-    assert "seed: repeat the command" in sentence(capfd.readouterr().err)
+    assert "got another sdf.seed, seed. Try the command that started the run" in sentence(capfd.readouterr().err)
 
 
 def test_a_run_is_evaluated_like_any_other(finished: Path, tmp_path: Path) -> None:
