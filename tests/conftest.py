@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import random
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from errors import has_form, is_checked
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
@@ -27,6 +30,24 @@ def _same_randomness_in_every_test() -> None:
     random.seed(0)
     np.random.seed(0)  # noqa: NPY002 (libraries draw from the global generator)
     torch.manual_seed(0)
+
+
+@pytest.fixture(autouse=True)
+def _errors_have_one_form(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Every error for users that a test provokes has the form of `errors.py`."""
+    from nsm.cli.errors import InputError  # only now, as the package must be imported after the hook
+
+    provoked: list[str] = []
+
+    def record(self: InputError, message: str) -> None:
+        ValueError.__init__(self, message)
+        if is_checked(sys._getframe(1).f_globals["__name__"]):
+            provoked.append(message)
+
+    monkeypatch.setattr(InputError, "__init__", record)
+    yield
+    wrong = [message for message in provoked if not has_form(message)]
+    assert not wrong, "messages without the form of all errors (tests/errors.py): " + "; ".join(wrong)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writing of files: a file appears completely or not at all."""
 
 from __future__ import annotations
 
@@ -13,28 +13,26 @@ from nsm.cli.errors import InputError
 
 @contextmanager
 def whole_file(path: Path | str) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` to write to; it takes the name ``path`` when the block ends well.
+    """Yield a temporary path beside ``path``, which is renamed to ``path`` when the block succeeds.
 
-    The folder is made if it is not there. If the block raises, nothing is left behind and an older file stays.
+    A missing folder is created. If the block raises, the temporary file is removed and an older file stays.
 
     Raises:
-        InputError: if the folder cannot be made or written, or ``path`` is a folder.
+        InputError: If the folder cannot be created or written, or ``path`` is a folder.
     """
     path = Path(path)
     if path.is_dir():
-        raise InputError(f"{path} is a folder, so no file can be written there: give the name of a file")
+        raise InputError(f"`{path}` must be the name of a file, got a folder. Try `{path / 'NAME'}`.")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
-        raise InputError(
-            f"{path} cannot be written ({error.strerror}): choose a folder that you may write to"
-        ) from error
+        raise InputError(f"`{path}` must be writable, got: {error.strerror}. Try a path in another folder.") from error
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
-        # mkstemp makes a file for its owner only; a new file should have the usual permissions
+        # mkstemp creates a file that only its owner can read; a new file should have the usual permissions
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)

@@ -1,1 +1,1 @@
-"""Files for other programs: ``python -m nsm.export``."""
+"""Export of morphs to files for other programs: ``python -m nsm.export``."""

@@ -1,9 +1,8 @@
-"""``python -m nsm.export``: a morph as files for other programs."""
+"""``python -m nsm.export``: write a morph to files for other programs."""
 
 from __future__ import annotations
 
 import logging
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -11,87 +10,80 @@ from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
 from nsm.cli.errors import InputError
-from nsm.cli.settings import moments, positive, switch, use_threads, whole_number
-from nsm.export import usd
-from nsm.export.animation import Animation
-from nsm.export.formats import Format, Request
-from nsm.export.networks import write_onnx, write_pt2, write_safetensors
-from nsm.export.program import Program
-from nsm.export.sequence import Meshes
-from nsm.io import gltf
+from nsm.cli.settings import choice, moments, positive, switch, use_threads, whole_number
+from nsm.export.formats import FORMATS
+from nsm.export.request import Format, Request
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder
 from nsm.shapes.download import file_sha256
+from nsm.types import Morph
 
 log = logging.getLogger(__name__)
 
-#: Every format by its name; the first that can hold a morph is its default.
-FORMATS: dict[str, Format] = {
-    "ply": Meshes("ply"),
-    "obj": Meshes("obj", dims=(2, 3)),
-    "stl": Meshes("stl"),
-    "glb": Animation((".glb",), gltf.write_glb_frames, gltf.write_glb_carried),
-    "usd": Animation(usd.SUFFIXES, usd.write_usd_frames, usd.write_usd_carried),
-    "safetensors": Program("safetensors", write_safetensors),
-    "pt2": Program("pt2", write_pt2),
-    "onnx": Program("onnx", write_onnx),
-}
-
 
 def main(cfg: DictConfig) -> None:
-    """Load one morph and write it in one format."""
+    """Load a morph and write it in one format."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     times, resolution = moments("times", config["times"]), whole_number("resolution", config["resolution"], 2)
     use_threads(config)
-    _require_known(config["format"])
-    subject = _one(load_morphs(config, "nsm.export"))
-    chosen = _format(config["format"], subject.morph.dim)
-    morph = subject.morph
-    if isinstance(chosen, Program) and subject.network is not None:
-        log.info("format=%s holds the networks, so its ends are theirs, as with ends=network", config["format"])
-        morph = subject.network
+    if config["format"] is not None:
+        choice("format", config["format"], FORMATS)
+    loaded = _one(load_morphs(config, "nsm.export"))
+    chosen = _format(config["format"], loaded.morph.dim)
+    morph = loaded.morph
+    if chosen.holds_networks and loaded.network is not None:
+        log.info("`format=%s` holds the networks, so its ends are theirs (`ends=network`)", config["format"])
+        morph = loaded.network
+    exact_volume = switch("exact_volume", config["exact_volume"])
     request = Request(
         morph=morph,
-        output=Path(config["output"]) if config["output"] else output_folder([subject], "export"),
+        output=Path(config["output"]) if config["output"] else output_folder([loaded], "export"),
         times=times,
         resolution=resolution,
-        frame=config["frame"],
-        exact_volume=switch("exact_volume", config["exact_volume"]),
-        transport=switch("transport", config["transport"]),
+        coordinates=config["coordinates"],
+        exact_volume=exact_volume,
+        advect=_advect(config["advect"], chosen, morph, exact_volume),
+        correspondences=config["advect"] is True,
         mesh=None if config["mesh"] is None else str(config["mesh"]),
         project=switch("project", config["project"]),
         seconds=positive("seconds", config["seconds"]),
-        identity={"morph": _content(subject), "growth": config["growth"], "ends": config["ends"]},
+        identity={"morph": _content(loaded), "growth": config["growth"], "ends": config["ends"]},
     )
     chosen.export(request)
 
 
-def _require_known(name: str | None) -> None:
-    if name is not None and name not in FORMATS:
-        near = get_close_matches(str(name), FORMATS, n=1)
-        hint = f" (did you mean {near[0]}?)" if near else ""
-        raise InputError(f"format={name} cannot be written: give one of {', '.join(FORMATS)}{hint}")
-
-
 def _format(name: str | None, dim: int) -> Format:
-    """The format of a name, or the first for the dimension."""
+    """The format of a name, or the first that can hold morphs of the dimension."""
     fitting = {known: format for known, format in FORMATS.items() if dim in format.dims}
     if name is not None and name not in fitting:
-        raise InputError(f"format={name} holds no curves, and this morph is 2D: give one of {', '.join(fitting)}")
+        raise InputError(
+            f"`format` must be one of {', '.join(fitting)} for a morph in {dim}D, got {name}. Try "
+            f"`format={next(iter(fitting))}`."
+        )
     return fitting[name or next(iter(fitting))]
 
 
-def _one(subjects: list[LoadedMorph]) -> LoadedMorph:
-    if len(subjects) > 1:
-        raise InputError(
-            f"{len(subjects)} morphs are named, but one is exported at a time: repeat the command for each"
-        )
-    return subjects[0]
+def _one(loaded_morphs: list[LoadedMorph]) -> LoadedMorph:
+    if len(loaded_morphs) > 1:
+        raise InputError(f"`checkpoint` and `official` must name one morph, got {len(loaded_morphs)}. Try one of them.")
+    return loaded_morphs[0]
 
 
-def _content(subject: LoadedMorph) -> str:
-    """What a morph is: the hash of its checkpoint, or the name of a published one, whose files are checked."""
-    file = Path(subject.origin)
-    return file_sha256(file) if file.is_file() else subject.origin
+def _advect(value: Any, chosen: Format, morph: Morph, exact_volume: bool) -> bool:
+    """The setting ``advect``; if it is null, whether the format advects by default and the morph can."""
+    if value is not None:
+        return switch("advect", value)
+    if not chosen.advects or exact_volume:
+        return False
+    if not morph.has_velocity:
+        log.info("this morph has no velocity to advect a mesh, so each time is a mesh of its own (`advect=false`)")
+        return False
+    return True
+
+
+def _content(loaded: LoadedMorph) -> str:
+    """Identity of a morph: the hash of its checkpoint, or the name of a published one, whose files are verified."""
+    file = Path(loaded.origin)
+    return file_sha256(file) if file.is_file() else loaded.origin
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
-"""All frames in one file that plays."""
+"""Animations: all frames in one file that plays."""
 
 from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,10 @@ import torch
 
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
-from nsm.export.formats import Format, Request, one_file
 from nsm.export.manifest import Manifest, write_records
-from nsm.export.sequence import settings_of, summarize, surfaces_of, write_all, write_pair
-from nsm.export.surfaces import CarriedAlong
+from nsm.export.request import Format, Request, one_file
+from nsm.export.sequence import settings_of, summarize, write_frames
+from nsm.export.surfaces import surfaces_of
 from nsm.io.moving import playing_times
 from nsm.morphs.surfaces import Frame
 from nsm.shapes.textured import Attributes
@@ -25,36 +26,36 @@ log = logging.getLogger(__name__)
 
 
 class Animation(Format):
-    """One file with all frames, and beside it ``….json`` that says what each is.
+    """One file with all frames, and beside it a JSON file of the same name that describes them.
 
-    Frames are kept in a hidden folder beside the file until it is written, so that an interrupted export can go on.
+    Frames are kept in a hidden folder beside the file until it is complete, so that an interrupted export can resume.
 
-    Args:
-        suffixes: of the file, with the dot; the first is the default.
-        write_frames: writes surfaces, each of its own connectivity.
-        write_carried: writes one surface that moves, with what its vertices have.
+    Attributes:
+        suffixes: Suffixes of the file, with the dot; the first is the default.
     """
 
-    def __init__(
-        self,
-        suffixes: tuple[str, ...],
-        write_frames: Callable[[Path, Iterable[Frame], float], None],
-        write_carried: Callable[[Path, Iterable[Frame], float, Attributes], None],
-    ) -> None:
-        self.suffixes, self.write_frames, self.write_carried = suffixes, write_frames, write_carried
+    suffixes: tuple[str, ...]
+
+    @abstractmethod
+    def write_extracted(self, path: Path, frames: Iterable[Frame], seconds: float) -> None:
+        """Write surfaces of any connectivity, each visible around its own time."""
+
+    @abstractmethod
+    def write_advected(self, path: Path, frames: Iterable[Frame], seconds: float, attributes: Attributes) -> None:
+        """Write one mesh whose vertices move, with the attributes of its vertices."""
 
     def export(self, request: Request) -> Path:
-        playing_times(request.times, request.seconds)  # before anything is made in vain
+        playing_times(request.times, request.seconds)  # fails before frames are computed in vain
         path = one_file(request.output, self.suffixes)
         parts = path.parent / f".{path.name}.parts"
         surfaces = surfaces_of(request)
-        manifest = _leftover(parts, settings_of(request, path.suffix))
-        write_all(manifest, "npz", request, surfaces, _write_part)
-        if isinstance(surfaces, CarriedAlong):
-            self.write_carried(path, _read_parts(manifest), request.seconds, surfaces.attributes)
-            write_pair(path.parent, surfaces.pair())
+        manifest = _resumed(parts, settings_of(request, path.suffix))
+        write_frames(manifest, "npz", request, surfaces, _write_part)
+        if request.advect:
+            self.write_advected(path, _read_parts(manifest), request.seconds, surfaces.attributes)
         else:
-            self.write_frames(path, _read_parts(manifest), request.seconds)
+            self.write_extracted(path, _read_parts(manifest), request.seconds)
+        surfaces.write_companions(path.parent)
         write_records(path.with_name(f"{path.name}.json"), manifest.settings, manifest.records)
         shutil.rmtree(parts)
         summarize(manifest, request)
@@ -62,12 +63,12 @@ class Animation(Format):
         return path
 
 
-def _leftover(parts: Path, settings: dict[str, object]) -> Manifest:
-    """What an interrupted export left, if it was the same."""
+def _resumed(parts: Path, settings: dict[str, object]) -> Manifest:
+    """The frames that an interrupted export with the same settings has left; those of another are discarded."""
     try:
         return Manifest(parts, settings, "frame_*.npz")
     except InputError:
-        log.info("an interrupted export of something else is thrown away: %s", parts)
+        log.info("discarding an interrupted export with other settings: %s", parts)
         shutil.rmtree(parts)
         return Manifest(parts, settings, "frame_*.npz")
 
@@ -83,7 +84,7 @@ def _write_part(path: Path, frame: Frame, attributes: Attributes) -> None:
 
 
 def _read_parts(manifest: Manifest) -> Iterator[Frame]:
-    """The frames in their order, one at a time in memory; of no triangles at a time without a surface."""
+    """Read the frames in order, one at a time in memory; those without a surface have no triangles."""
     for number in sorted(manifest.records):
         record = manifest.records[number]
         if record.file is None:

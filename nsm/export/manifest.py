@@ -1,4 +1,4 @@
-"""Which frames lie in a folder, and what they are frames of: how an interrupted export goes on."""
+"""Record of the frames in a folder and of the settings they were made with, from which an export resumes."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ log = logging.getLogger(__name__)
 
 #: The file in the folder of the frames.
 MANIFEST = "frames.json"
-#: A level as far from 0 as this, as a share of the box, says that f is not what it should be.
+#: Level above which f has drifted too far from its volume, relative to the box.
 _LARGE_LEVEL = 0.005
-#: Characters of a setting in a sentence.
-_SHOWN = 60
+#: Characters of a setting that are quoted in a message.
+_QUOTED = 60
 
 
 class Record(NamedTuple):
-    """One frame.
+    """Record of one frame.
 
     Attributes:
-        time: from 0 to 1.
-        level: the value of f on the surface.
-        volume: inside the mesh (area in 2D), in its coordinates.
-        components: how many parts the mesh has.
-        file: its name; None at a time without a surface.
+        time: Time in [0, 1].
+        level: Value of f on the surface.
+        volume: Volume inside the mesh, or area in 2D, in its coordinates.
+        components: Number of connected components of the mesh.
+        file: Name of the file; None at a time without a surface.
     """
 
     time: float
@@ -41,18 +41,18 @@ class Record(NamedTuple):
 
 
 class Manifest:
-    """The frames of a folder by their numbers, kept in a file of JSON that is rewritten with each new one.
+    """Frames of a folder by number, kept in a JSON file that is rewritten with each new one.
 
     Args:
-        folder: of the frames.
-        settings: plain values that decide what the frames are.
-        pattern: of the names of the frames.
+        folder: The folder of the frames.
+        settings: Plain values that determine the frames.
+        pattern: Glob pattern of the names of the frames.
 
     Attributes:
-        records: the frames that are there already, by number.
+        records: The frames that exist already, by number.
 
     Raises:
-        InputError: if the folder holds frames of other settings, or of unknown ones.
+        InputError: If the folder holds frames made with other or unknown settings.
     """
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], pattern: str) -> None:
@@ -61,8 +61,8 @@ class Manifest:
         if not (folder / MANIFEST).is_file():
             if strangers := sorted(folder.glob(pattern)):
                 raise InputError(
-                    f"{folder} holds {strangers[0].name} and no {MANIFEST} that says what it is a frame of: remove the "
-                    "frames, or give another output"
+                    f"`output` must be a folder without frames of another export, got {folder}, which holds "
+                    f"{strangers[0].name} but no {MANIFEST}. Try another `output`, or remove the frames."
                 )
             return
         before = self._read()
@@ -73,7 +73,7 @@ class Manifest:
                 self.records[int(number)] = record
 
     def add(self, number: int, record: Record) -> None:
-        """Enter a frame that lies in the folder."""
+        """Record a frame that has been written."""
         self.records[number] = record
         self.save()
 
@@ -94,17 +94,17 @@ class Manifest:
             return {"settings": dict(content["settings"]), "frames": dict(content["frames"])}
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
-                f"{file} does not say what the frames beside it are: remove {self.folder}, or give another output"
+                f"{file} must be the record of an export, got something else. Try another `output`, or remove "
+                f"{self.folder}."
             ) from error
 
     def _require_same(self, before: dict[str, Any]) -> None:
         names = [name for name in self.settings if before.get(name) != self.settings[name]]
         if names:
-            differences = ", ".join(
-                f"{n}={_short(before.get(n))} in place of {_short(self.settings[n])}" for n in names
-            )
+            differences = ", ".join(f"{n}={_short(before.get(n))} instead of {_short(self.settings[n])}" for n in names)
             raise InputError(
-                f"{self.folder} holds frames of another export, with {differences}: give another output, or remove them"
+                f"`output` must be a folder without frames of another export, got {self.folder}, whose frames have "
+                f"{differences}. Try another `output`, or remove them."
             )
 
 
@@ -117,12 +117,12 @@ def write_records(path: Path, settings: Mapping[str, Any], records: Mapping[int,
 
 
 def report(records: Mapping[int, Record], exact_volume: bool, width: float) -> None:
-    """Log the volumes of the frames and, where levels were chosen, the largest; warn if it is not small.
+    """Log the range of volumes of the frames and the largest level; warn if that is large.
 
     Args:
-        records: the frames.
-        exact_volume: whether levels were chosen.
-        width: of the box.
+        records: The frames by number.
+        exact_volume: Whether levels were chosen to enclose the wanted volume; otherwise they are all 0.
+        width: Longest edge of the box.
     """
     volumes = [record.volume for record in records.values() if record.file is not None]
     if volumes:
@@ -133,8 +133,8 @@ def report(records: Mapping[int, Record], exact_volume: bool, width: float) -> N
     log.info("largest level: %.2g, at t = %g", furthest.level, furthest.time)
     if abs(furthest.level) > _LARGE_LEVEL * width:
         log.warning(
-            "the level %.2g at t = %g is not small: the morph itself does not keep its volume there, and what is shown "
-            "is another surface of it",
+            "the level %.2g at t = %g is large: the morph does not preserve its volume there, so the frame is far "
+            "from its zero level set",
             furthest.level,
             furthest.time,
         )
@@ -142,4 +142,4 @@ def report(records: Mapping[int, Record], exact_volume: bool, width: float) -> N
 
 def _short(value: Any) -> str:
     text = json.dumps(value)
-    return text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
+    return text if len(text) <= _QUOTED else text[:_QUOTED] + "…"

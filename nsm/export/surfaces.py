@@ -1,17 +1,19 @@
-"""The surfaces that an export consists of: extracted at each time, or one that is carried along."""
+"""Surfaces that an export consists of: extracted at each time, or one mesh that is advected."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import NamedTuple, cast
+from pathlib import Path
+from typing import cast
 
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from nsm.export.formats import Request
-from nsm.geometry.advection import Progress
+from nsm.cli.progress import Progress
+from nsm.export.correspondences import write_correspondences
+from nsm.export.request import Request
 from nsm.morphs.advected import (
     Carried,
     LevelProjection,
@@ -29,38 +31,45 @@ from nsm.types import Morph, SimplexMesh
 
 
 class Surfaces(ABC):
-    """The surfaces of a morph at some times, in the coordinates that were asked for.
+    """Surfaces of a morph at the requested times, in the requested coordinates.
 
     Args:
-        request: what was asked for.
+        request: The request.
     """
 
     def __init__(self, request: Request) -> None:
         self.request, self.morph = request, request.morph
-        self._back = coordinates(request.morph, request.frame)
+        self._back = similarity_to(request.morph, request.coordinates)
 
     @property
     @abstractmethod
     def attributes(self) -> Attributes:
-        """What the vertices have at all times."""
+        """Colors or texture of the vertices, the same at all times."""
 
     @abstractmethod
     def extract(self, time: float) -> Frame:
-        """The surface at one of the times, in the coordinates of the morph."""
+        """Return the surface at one of the times, in the coordinates of the morph."""
+
+    @abstractmethod
+    def prepare(self, progress: Progress) -> None:
+        """Compute what all frames share; to be called before anything else is asked for."""
+
+    @abstractmethod
+    def write_companions(self, folder: Path) -> None:
+        """Write the files that accompany the frames."""
 
     def __call__(self, time: float) -> Frame:
-        """The surface at one of the times, in double precision: a file's coordinates may lie far from its origin."""
+        """Return the surface at one of the times, in double precision because a file's coordinates may be large."""
         frame = self.extract(time)
-        mesh = self.place(frame.mesh)
-        return Frame(frame.time, frame.level, mesh, self._back.rotate(frame.normals.double()))
+        return Frame(frame.time, frame.level, self.place(frame.mesh), self._back.rotate(frame.normals.double()))
 
     def place(self, mesh: SimplexMesh) -> SimplexMesh:
-        """A mesh in the coordinates of the morph, taken to those that were asked for."""
+        """Take a mesh from the coordinates of the morph to the requested ones."""
         return SimplexMesh(self._back.apply(mesh.vertices.double()), mesh.simplices)
 
 
 class Extracted(Surfaces):
-    """At each time the level set of f, of connectivity of its own."""
+    """Level sets of f, extracted at each time, each with its own connectivity."""
 
     def __init__(self, request: Request) -> None:
         super().__init__(request)
@@ -73,29 +82,32 @@ class Extracted(Surfaces):
     def extract(self, time: float) -> Frame:
         return extract_frame(self.morph, time, self.request.resolution, self._levels(time))
 
+    def prepare(self, progress: Progress) -> None:
+        """Do nothing: frames share nothing."""
 
-class CarriedAlong(Surfaces):
-    """A mesh that lies on the surface at t = 0, carried along V: the same triangles at all times.
+    def write_companions(self, folder: Path) -> None:
+        """Write nothing."""
+
+
+class Advected(Surfaces):
+    """A mesh on the surface at t = 0, advected along V: the same triangles at all times.
 
     Args:
-        request: what was asked for.
-
-    Attributes:
-        progress: of `nsm.geometry.advection.advect`, told while the mesh is carried, at the first call.
+        request: The request.
 
     Raises:
-        InputError: if the morph has no velocity, or the mesh cannot be read.
+        InputError: If the morph has no velocity, or the mesh cannot be read.
     """
 
     def __init__(self, request: Request) -> None:
         super().__init__(request)
         velocity_of(self.morph)
-        self.progress: Progress | None = None
         self._mesh = None if request.mesh is None else placed(self.morph, load_textured(request.mesh))
+        self._carried: Carried
 
     @property
     def attributes(self) -> Attributes:
-        """Those of the mesh; colors by where each vertex starts if it has neither colors nor a place on a texture."""
+        """Those of the given mesh; colors by position at t = 0 if it has neither colors nor texture coordinates."""
         given = self._carried.attributes
         return given if given.colors is not None or given.uv is not None else Attributes(colors=self._start_colors)
 
@@ -104,11 +116,24 @@ class CarriedAlong(Surfaces):
         with torch.no_grad():
             return Frame(time, 0.0, mesh, normalize(self.morph.gradient(mesh.vertices, time), dim=1))
 
-    def pair(self) -> Pair:
-        """Both ends with the same colors where they correspond, in the coordinates that were asked for."""
+    def prepare(self, progress: Progress) -> None:
+        progress.stage("advecting")
+        project = LevelProjection(self.morph) if self.request.project else None
+        times = sorted({0.0, *self.request.times, 1.0})
+        if self._mesh is None:
+            resolution = self.request.resolution
+            self._carried = carry_surface(self.morph, times, resolution, project=project, progress=progress.update)
+        else:
+            self._carried = carry_mesh(self.morph, self._mesh, times, project=project, progress=progress.update)
+
+    def write_companions(self, folder: Path) -> None:
+        """Write correspondences if they are requested."""
+        if not self.request.correspondences:
+            return
         found = correspondences(self.morph, self._carried, self.request.resolution)
         colors = self.attributes.colors
-        return Pair(
+        write_correspondences(
+            folder,
             self.place(SimplexMesh(found.source_points, found.simplices)),
             self.place(SimplexMesh(found.target_points, found.simplices)),
             found.distances.double() * self._back.scale,
@@ -116,37 +141,19 @@ class CarriedAlong(Surfaces):
         )
 
     @cached_property
-    def _carried(self) -> Carried:
-        request, project = self.request, LevelProjection(self.morph) if self.request.project else None
-        times = sorted({0.0, *request.times, 1.0})
-        if self._mesh is None:
-            return carry_surface(self.morph, times, request.resolution, project=project, progress=self.progress)
-        return carry_mesh(self.morph, self._mesh, times, project=project, progress=self.progress)
-
-    @cached_property
     def _start_colors(self) -> Tensor:
         start = self._carried.vertices[0]
         return position_colors(start, torch.stack([start.amin(0), start.amax(0)]))
 
 
-class Pair(NamedTuple):
-    """A mesh on the source and the same mesh on the target: vertices of one number correspond.
-
-    Attributes:
-        source, target: meshes of the same simplices.
-        distances: by which the carried vertices missed the target (v,).
-        colors: of both (v, 3).
-    """
-
-    source: SimplexMesh
-    target: SimplexMesh
-    distances: Tensor
-    colors: Tensor
+def surfaces_of(request: Request) -> Surfaces:
+    """Choose the surfaces of a request."""
+    return Advected(request) if request.advect else Extracted(request)
 
 
-def coordinates(morph: Morph, frame: str) -> Similarity:
-    """What takes points of the box to the coordinates that a request names."""
-    if frame == "morph":
+def similarity_to(morph: Morph, coordinates: str) -> Similarity:
+    """Return the similarity from the box of a morph to a coordinate system of `COORDINATES`."""
+    if coordinates == "morph":
         return Similarity.identity(morph.dim)
-    end = {"source": morph.source, "target": morph.target}[frame]
+    end = {"source": morph.source, "target": morph.target}[coordinates]
     return cast(FieldShape, end).similarity.inverse()

@@ -1,4 +1,8 @@
-"""Moving surfaces as USD stages with time samples, which film and modelling programs read."""
+"""USD: animated surfaces as stages with time samples, which film and modeling programs read.
+
+References:
+    Pixar, Universal Scene Description, https://openusd.org
+"""
 
 from __future__ import annotations
 
@@ -8,36 +12,51 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
 
 import nsm
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 from nsm.cli.files import whole_file
-from nsm.io.moving import CLAY, is_closed, linear_rgb, playing_times
+from nsm.export.animation import Animation
+from nsm.io.moving import is_closed, playing_times
+from nsm.io.palette import CLAY, linear_from_srgb
 from nsm.morphs.surfaces import Frame
 from nsm.shapes.textured import Attributes
 
 if TYPE_CHECKING:
     from pxr import Usd, UsdGeom
 
-#: Binary, text, and a package.
+#: Suffixes of binary files, text files, and packages.
 SUFFIXES = (".usdc", ".usda", ".usdz")
 #: Time codes per second.
 RATE = 24.0
-#: A unit of the box in metres: a shape is then about as large as a chair.
-_METRES = 0.5
+#: Meters per unit of the box, so that a shape is about as large as a chair.
+_METERS = 0.5
+
+
+class UsdAnimation(Animation):
+    """A stage with one mesh, whose points (and triangles, unless it is advected) have time samples."""
+
+    suffixes = SUFFIXES
+
+    def write_extracted(self, path: Path, frames: Iterable[Frame], seconds: float) -> None:
+        write_usd_frames(path, frames, seconds)
+
+    def write_advected(self, path: Path, frames: Iterable[Frame], seconds: float, attributes: Attributes) -> None:
+        write_usd_advected(path, frames, seconds, attributes)
 
 
 def write_usd_frames(path: Path | str, frames: Iterable[Frame], seconds: float) -> None:
     """Write surfaces of any connectivity as one mesh whose points and faces have time samples.
 
     Args:
-        path: where to write, with one of `SUFFIXES`.
+        path: The file to write, with one of `SUFFIXES`.
         frames: 3D surfaces at increasing times; one without triangles hides the mesh.
-        seconds: from the first frame to the last.
+        seconds: Seconds from the first frame to the last.
 
     Raises:
-        InputError: if usd-core is not installed, the times do not increase, or the file cannot be written.
+        InputError: If usd-core is not installed, the times do not increase, or the file cannot be written.
     """
     frames = list(frames)
     with _stage(path, frames, seconds) as (mesh, codes):
@@ -47,18 +66,18 @@ def write_usd_frames(path: Path | str, frames: Iterable[Frame], seconds: float) 
             _set_points(mesh, frame, code)
 
 
-def write_usd_carried(path: Path | str, frames: Iterable[Frame], seconds: float, attributes: Attributes) -> None:
+def write_usd_advected(path: Path | str, frames: Iterable[Frame], seconds: float, attributes: Attributes) -> None:
     """Write one surface whose vertices move as a mesh whose points alone have time samples.
 
     Args:
-        path: where to write, with one of `SUFFIXES`.
+        path: The file to write, with one of `SUFFIXES`.
         frames: 3D surfaces of the same connectivity at increasing times.
-        seconds: from the first frame to the last.
-        attributes: what moves along; colors as ``displayColor``, places on the texture as ``st``. The texture itself
-            is left out, as USD keeps pictures in files of their own.
+        seconds: Seconds from the first frame to the last.
+        attributes: Attributes of the vertices: colors become ``displayColor``, texture coordinates ``st``. The texture
+            itself is omitted, because USD keeps pictures in separate files.
 
     Raises:
-        InputError: if usd-core is not installed, the times do not increase, or the file cannot be written.
+        InputError: If usd-core is not installed, the times do not increase, or the file cannot be written.
     """
     frames = list(frames)
     with _stage(path, frames, seconds) as (mesh, codes):
@@ -70,17 +89,19 @@ def write_usd_carried(path: Path | str, frames: Iterable[Frame], seconds: float,
 
 @contextmanager
 def _stage(path: Path | str, frames: list[Frame], seconds: float) -> Iterator[tuple[UsdGeom.Mesh, list[Usd.TimeCode]]]:
-    """A stage with an empty mesh and the time codes of the frames; written when the block ends well."""
+    """Provide an empty mesh on a stage and the time codes of the frames; the stage is written if the block succeeds."""
     require("pxr", extra="usd", task="A USD file")
     from pxr import Usd, UsdGeom, UsdUtils
 
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path.name} names no format of USD: let it end in {' or '.join(SUFFIXES)}")
+        raise InputError(
+            f"The name of a USD file must end in {' or '.join(SUFFIXES)}, got {path.name}. Try `output=morph.usdc`."
+        )
     moments = playing_times([frame.time for frame in frames], seconds) * RATE
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    UsdGeom.SetStageMetersPerUnit(stage, _METRES)
+    UsdGeom.SetStageMetersPerUnit(stage, _METERS)
     stage.SetTimeCodesPerSecond(RATE)
     stage.SetFramesPerSecond(RATE)
     stage.SetStartTimeCode(moments[0])
@@ -102,7 +123,7 @@ def _stage(path: Path | str, frames: list[Frame], seconds: float) -> Iterator[tu
 
 
 def _set_faces(mesh: UsdGeom.Mesh, frame: Frame, *code: Usd.TimeCode) -> None:
-    """The triangles, at one time or at all."""
+    """Set the triangles, at one time or for all times."""
     from pxr import Vt
 
     faces = frame.mesh.simplices.cpu().numpy().astype(np.int32)
@@ -111,7 +132,7 @@ def _set_faces(mesh: UsdGeom.Mesh, frame: Frame, *code: Usd.TimeCode) -> None:
 
 
 def _set_points(mesh: UsdGeom.Mesh, frame: Frame, code: Usd.TimeCode) -> None:
-    """Vertices, normals and the box around them at one time."""
+    """Set vertices, normals, and their bounding box at one time."""
     from pxr import UsdGeom
 
     points = _vectors(frame.mesh.vertices)
@@ -122,14 +143,14 @@ def _set_points(mesh: UsdGeom.Mesh, frame: Frame, code: Usd.TimeCode) -> None:
 
 
 def _paint(mesh: UsdGeom.Mesh, attributes: Attributes, closed: bool) -> None:
-    """Colors, or clay where there are none, and places on the texture."""
+    """Set colors, clay if there are none, and texture coordinates."""
     from pxr import Sdf, UsdGeom, Vt
 
     mesh.CreateDoubleSidedAttr(not closed)
     if attributes.colors is None:
-        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([CLAY])
+        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set(_vectors(linear_from_srgb(torch.tensor([CLAY]))))
     else:
-        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(_vectors(linear_rgb(attributes.colors)))
+        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(_vectors(linear_from_srgb(attributes.colors)))
     if attributes.uv is not None:
         kind = Sdf.ValueTypeNames.TexCoord2fArray
         places = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)

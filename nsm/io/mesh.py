@@ -1,4 +1,4 @@
-"""Meshes as files."""
+"""Mesh files: PLY, OBJ, and STL."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from nsm.types import SimplexMesh
 
 NO_ATTRIBUTES = Attributes()
 
-#: Rounding of coordinates, in parts of the size of the mesh, that is written in single precision all the same.
+#: Rounding error of coordinates, relative to the size of the mesh, up to which single precision suffices.
 _ROUNDING = 1e-6
-#: Names of numbers in a ply file, and of the same in numpy.
+#: Names of number types in a PLY file and in numpy.
 _PLY_TYPES = {np.float32: ("float", "<f4"), np.float64: ("double", "<f8")}
 
 
@@ -29,26 +29,36 @@ def write_mesh(
     normals: Float[Tensor, "v d"] | None = None,
     attributes: Attributes = NO_ATTRIBUTES,
 ) -> None:
-    """Write a surface as PLY (binary), OBJ or STL (binary), by the suffix of ``path``; a 2D curve as OBJ lines.
+    """Write a surface as binary PLY, OBJ, or binary STL, by the suffix of ``path``; a 2D curve as lines of an OBJ.
 
-    PLY and OBJ carry vertex normals, colors (sRGB) and texture coordinates. A curve lies in the plane z = 0. A surface
-    that is not there gives a valid file without triangles, so that a sequence has no gaps. Where single precision would
-    show, for a small shape far from the origin, PLY and OBJ have coordinates in double precision.
+    PLY and OBJ carry vertex normals, colors (sRGB), and texture coordinates. A curve lies in the plane z = 0. A mesh
+    without simplices gives a valid file without faces. PLY and OBJ store coordinates in double precision if rounding
+    would be visible, as for a small shape far from the origin.
 
     Args:
-        path: where to write; folders are made.
-        mesh: what to write.
-        normals: unit normals at the vertices (v, d); means of the simplices' by default.
-        attributes: of the vertices; their texture is left out, and all of them in STL.
+        path: The file to write; missing folders are created.
+        mesh: The mesh.
+        normals: Unit normals at the vertices; by default means over the adjacent simplices, weighted by measure.
+        attributes: Attributes of the vertices; PLY and OBJ omit the texture itself, STL omits all of them.
 
     Raises:
-        InputError: if the suffix is none of the three, or not .obj for a curve, or the file cannot be written.
+        InputError: If the suffix is unknown, or not .obj for a curve, or the file cannot be written.
+
+    >>> import tempfile, torch
+    >>> triangle = SimplexMesh(torch.eye(3), torch.tensor([[0, 1, 2]]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_mesh(Path(folder) / "triangle.obj", triangle)
+    ...     print((Path(folder) / "triangle.obj").read_text().splitlines()[0])
+    v 1 0 0
     """
     path = Path(path)
     dim = mesh.vertices.shape[1]
     encoders = {".obj": _obj} if dim == 2 else {".ply": _ply, ".obj": _obj, ".stl": _stl}
     if path.suffix.lower() not in encoders:
-        raise InputError(f"{path.name} names no format for a mesh in {dim}D: let it end in {' or '.join(encoders)}")
+        raise InputError(
+            f"The name of a mesh file in {dim}D must end in {' or '.join(encoders)}, got {path.name}. Try "
+            f"`{path.with_suffix(next(iter(encoders))).name}`."
+        )
     normals = vertex_normals(mesh) if normals is None else normals
     arrays = (_places(mesh.vertices), mesh.simplices.cpu().numpy(), _in_space(normals))
     data = encoders[path.suffix.lower()](*arrays, _extra(attributes))
@@ -57,7 +67,7 @@ def write_mesh(
 
 
 class _Extra(NamedTuple):
-    """Colors (v, 3) in 0..1 and texture coordinates (v, 2), where there are any."""
+    """Colors (v, 3) in 0..1 and texture coordinates (v, 2), or None."""
 
     colors: np.ndarray | None
     uv: np.ndarray | None
@@ -69,7 +79,7 @@ def _extra(attributes: Attributes) -> _Extra:
 
 
 def _places(vertices: Tensor) -> np.ndarray:
-    """Vertices (v, 3) in single precision, or in double where rounding would show: far from the origin of a file."""
+    """Vertices (v, 3) in single precision, or in double precision if the rounding error would be visible."""
     single, double = _in_space(vertices), _in_space(vertices, np.float64)
     if not len(double) or np.abs(single - double).max() <= _ROUNDING * np.ptp(double, axis=0).max():
         return single
@@ -77,7 +87,7 @@ def _places(vertices: Tensor) -> np.ndarray:
 
 
 def _in_space(vectors: Tensor, dtype: type = np.float32) -> np.ndarray:
-    """Vectors (v, 3); those of the plane get z = 0."""
+    """Vectors (v, 3); in 2D with z = 0."""
     flat: np.ndarray = vectors.detach().cpu().numpy().astype(dtype)
     return np.pad(flat, ((0, 0), (0, 3 - flat.shape[1])))
 
@@ -113,7 +123,7 @@ def _stl(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray, extra
 
 
 def _obj(vertices: np.ndarray, simplices: np.ndarray, normals: np.ndarray, extra: _Extra) -> bytes:
-    # colors stand behind the coordinates, which is no part of the format but widely read
+    # colors follow the coordinates, which is not part of the format but widely supported
     behind = [""] * len(vertices)
     if extra.colors is not None:
         behind = [f" {r:.4g} {g:.4g} {b:.4g}" for r, g, b in extra.colors.tolist()]

@@ -1,46 +1,39 @@
-"""What the formats for moving surfaces share."""
+"""Timing and topology that the formats for animated surfaces share."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-import torch
-from jaxtyping import Float
-from torch import Tensor
 
-from nsm.cli.errors import InputError
+from nsm.cli.settings import increasing
 from nsm.types import SimplexMesh
-
-#: The color of clay in amounts of light: red, green, blue.
-CLAY = (0.62, 0.45, 0.34)
 
 
 def playing_times(times: Sequence[float], seconds: float) -> np.ndarray:
-    """When each frame is due (k,), in seconds from the start.
+    """Map times of a morph to seconds of its animation, linearly, so that the first frame is shown at 0.
 
     Args:
-        times: of the frames, increasing.
-        seconds: from the first frame to the last.
+        times: Times of the frames, increasing, shape (k,).
+        seconds: Seconds from the first frame to the last.
+
+    Returns:
+        Seconds at which each frame is shown, shape (k,).
 
     Raises:
-        InputError: if the times do not increase.
+        InputError: If the times do not increase.
+
+    >>> playing_times([0.5, 0.75, 1.0], seconds=3.0).tolist()
+    [0.0, 1.5, 3.0]
     """
-    moments = np.asarray(times, dtype=np.float64)
-    if not bool((np.diff(moments) > 0).all()):
-        raise InputError(f"times={list(times)} cannot be played: give times that increase, such as times=[0,0.5,1]")
+    moments = np.array(increasing("times", times), dtype=np.float64)
     if len(moments) < 2:
         return np.zeros(len(moments))
     return seconds * (moments - moments[0]) / (moments[-1] - moments[0])
 
 
 def is_closed(mesh: SimplexMesh) -> bool:
-    """Whether every edge of a surface has two triangles, so that its back is never seen."""
+    """Tell whether every edge of a triangle mesh has two triangles, so that its back is never visible."""
     faces = mesh.simplices.cpu().numpy()
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
-
-
-def linear_rgb(colors: Float[Tensor, "v 3"]) -> Float[Tensor, "v 3"]:
-    """Colors in amounts of light, as glTF and USD take them at vertices, from sRGB (IEC 61966-2-1)."""
-    return torch.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)

@@ -15,10 +15,9 @@ from torch import Tensor
 
 from nsm.cli.errors import InputError
 from nsm.cli.settings import moment, moments, whole_number
-from nsm.export.__main__ import FORMATS
-from nsm.export.formats import FRAMES as COORDINATES
-from nsm.export.formats import Request
-from nsm.export.surfaces import coordinates as similarity_to
+from nsm.export.formats import FORMATS
+from nsm.export.request import COORDINATES, Request
+from nsm.export.surfaces import similarity_to
 from nsm.geometry.volume import volume
 from nsm.io import checkpoint, official
 from nsm.io.loading import exact_ends, known_ends
@@ -196,7 +195,9 @@ class TrainedMorph(Morph):
             endings = ".ckpt, .glb, .usd, .mp4, .gif, .png, or nothing for a folder of meshes"
             raise InputError(f"`path` must end in {endings}, got {path}. Try `morph.save('morph.glb')`.")
         identity = {"morph": self._identity, "exact": self._morph is not self.network}
-        return FORMATS[name].export(Request(self._morph, path, times, resolution, seconds=seconds, identity=identity))
+        advect = FORMATS[name].advects and self.has_velocity
+        request = Request(self._morph, path, times, resolution, advect=advect, seconds=seconds, identity=identity)
+        return FORMATS[name].export(request)
 
     def _save_checkpoint(self, path: Path) -> Path:
         if not self._content:

@@ -1,4 +1,4 @@
-"""Where pictures are taken from: parallel rays, so that shapes have the same size at all times."""
+"""An orthographic camera, under which shapes have the same size at all times."""
 
 from __future__ import annotations
 
@@ -9,27 +9,30 @@ from typing import NamedTuple
 import numpy as np
 
 from nsm.cli.errors import InputError
+from nsm.cli.settings import positive
 
-#: Room around the shape, as a factor; the floor in front needs more of it than the air above.
+#: Direction towards the camera and direction up, unless others are given.
+VIEW, UP = (0.55, 0.45, 1.0), (0.0, 1.0, 0.0)
+#: Margins around the shape, as factors; the shadow on the floor in front of it needs a larger one.
 _ACROSS, _ALONG, _FLOOR_IN_FRONT = 1.15, 1.08, 0.12
-#: Width of a picture that chooses its own, as a share of its height at least: the shadow needs some.
+#: Least width of a picture relative to its height where the shape determines it, so that the shadow fits in.
 _NARROWEST = 0.7
-#: Height of a picture that chooses its own, as a share of its width at least.
+#: Least height of a picture relative to its width where the shape determines it.
 _FLATTEST = 0.4
-#: Turns at which the camera of a turning shape looks whether all of it is in the picture.
-_TURNS_SEEN = 24
+#: Angles at which a turning shape must fit into the picture.
+_ANGLES = 24
 
 
 class Camera(NamedTuple):
-    """Parallel rays of sight onto a shape that may turn about its upright axis.
+    """Orthographic view of a shape that may turn about its vertical axis.
 
     Attributes:
-        center: in the middle of the picture (3,).
-        axes: right, up and towards the viewer, as rows (3, 3).
-        half_width, half_height: from the middle of the picture to its edges, in units of length.
-        vertical: unit vector (3,) upwards in space.
-        axis: a point (3,) on the upright axis about which shapes turn.
-        floor: height of the floor along ``vertical``.
+        center: Point in the middle of the picture, shape (3,).
+        axes: Directions to the right, up, and towards the viewer, as rows of shape (3, 3).
+        half_width, half_height: Distances from the middle of the picture to its edges, in units of length.
+        vertical: Unit vector upwards in space, shape (3,).
+        axis: Point on the vertical axis about which shapes turn, shape (3,).
+        floor: Height of the floor along ``vertical``.
     """
 
     center: np.ndarray
@@ -42,22 +45,22 @@ class Camera(NamedTuple):
 
     @property
     def aspect(self) -> float:
-        """Height of the picture as a share of its width."""
+        """Height of the picture divided by its width."""
         return self.half_height / self.half_width
 
     def on_picture(self, points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) as (n, 2) from the middle of the picture, ±1 at its edges, to the right and upwards."""
+        """Project points (n, 3) to the picture (n, 2): 0 in its middle, ±1 at its edges, to the right and upwards."""
         seen = (points - self.center) @ self.axes[:2].T
         return seen / np.array([self.half_width, self.half_height])
 
     def turn(self, angle: float) -> np.ndarray:
-        """The matrix (3, 3) that turns directions by an angle in radians about the vertical."""
+        """Return the matrix (3, 3) of a rotation about the vertical by an angle in radians (formula of Rodrigues)."""
         x, y, z = self.vertical
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
     def turned(self, points: np.ndarray, angle: float) -> np.ndarray:
-        """Points (n, 3) turned about the axis."""
+        """Rotate points (n, 3) about the vertical axis by an angle in radians."""
         return (points - self.axis) @ self.turn(angle).T + self.axis
 
 
@@ -69,28 +72,32 @@ def place_camera(
     aspect: float | None = None,
     turning: bool = False,
 ) -> Camera:
-    """A camera that holds points (n, 3) of a shape at all times, on a floor below all of them.
+    """Place a camera so that all given points of a shape are in the picture, and a floor below all of them.
 
     Args:
-        points: (n, 3).
-        view: direction (3,) towards the viewer.
-        up: direction (3,) upwards.
-        zoom: enlarges the shape; at 1 it fills the picture.
-        aspect: height of the picture as a share of its width; by the shape where None.
-        turning: whether the shape turns about the vertical, and shall be held at every angle.
+        points: Points of the shape at all its times, shape (n, 3).
+        view: Direction towards the viewer, shape (3,).
+        up: Direction upwards, shape (3,).
+        zoom: Magnification of the shape; at 1 it fills the picture.
+        aspect: Height of the picture divided by its width; by default the shape determines it.
+        turning: Whether the shape must fit at every angle about the vertical.
 
     Raises:
-        InputError: for directions or a zoom that show nothing.
+        InputError: If the directions are parallel, or the zoom is not positive.
+
+    >>> corners = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    >>> camera = place_camera(corners, VIEW, UP, aspect=0.5)
+    >>> bool(np.abs(camera.on_picture(corners)).max() < 1)
+    True
     """
     axes, vertical = _axes(view, up)
-    if not zoom > 0:
-        raise InputError(f"zoom={zoom} shows nothing: give a number above 0, such as 1")
+    positive("zoom", zoom)
     if not len(points):
         points = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
     axis = (points.min(0) + points.max(0)) / 2
     camera = Camera(np.zeros(3), axes, 1.0, 1.0, vertical, axis, float((points @ vertical).min()))
     if turning:
-        angles = np.arange(_TURNS_SEEN) * 2 * math.pi / _TURNS_SEEN
+        angles = np.arange(_ANGLES) * 2 * math.pi / _ANGLES
         points = np.concatenate([camera.turned(points, angle) for angle in angles])
     seen = points @ axes.T
     lowest, highest = seen.min(0), seen.max(0)
@@ -106,12 +113,12 @@ def place_camera(
 
 
 def _axes(view: Sequence[float], up: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Right, up and towards the viewer as rows (3, 3), and the unit vector (3,) upwards in space."""
+    """Directions right, up, and towards the viewer as rows (3, 3), and the unit vector (3,) upwards in space."""
     toward, vertical = np.asarray(view, float), np.asarray(up, float)
     if toward.shape != (3,) or vertical.shape != (3,) or np.linalg.norm(np.cross(vertical, toward)) < 1e-6:
         raise InputError(
-            f"view={list(view)} and up={list(up)} place no camera: give two directions of three numbers that are not "
-            "parallel, such as view=[0.55,0.45,1] up=[0,1,0]"
+            f"`view` and `up` must be two directions in space that are not parallel, got {list(view)} and {list(up)}. "
+            "Try `view=[0.55,0.45,1] up=[0,1,0]`."
         )
     toward, vertical = toward / np.linalg.norm(toward), vertical / np.linalg.norm(vertical)
     right = np.cross(vertical, toward)

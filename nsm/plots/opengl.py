@@ -1,4 +1,4 @@
-"""Drawing without a window: which way works on this machine, found out before VTK would end the process."""
+"""Offscreen OpenGL: find a way that works on this machine before VTK would end the process."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from functools import cache
 
 from nsm.cli.errors import InputError
 
-#: The variable by which VTK is told how to draw.
+#: Environment variable that selects the kind of window of VTK.
 _VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
-#: Draws one empty picture; VTK ends a process that has no OpenGL by a fault of memory.
+#: Draws one empty picture. Without OpenGL, VTK ends the process with a segmentation fault.
 _TRIAL = """
 import vtkmodules.vtkRenderingOpenGL2
 from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
@@ -22,38 +22,39 @@ window.AddRenderer(vtkRenderer())
 window.Render()
 raise SystemExit(not window.SupportsOpenGL())
 """
-_PATIENCE = 60
+#: Seconds after which a trial counts as failed.
+_TIMEOUT = 60
 
 
 class NoOpenGLError(InputError):
-    """This machine cannot draw surfaces."""
+    """Raised where this machine cannot draw surfaces."""
 
 
 @cache
 def require_opengl() -> None:
-    """Make VTK draw without a window, in a way that was tried in another process.
+    """Configure VTK to draw offscreen, in a way that has succeeded in another process.
 
     Raises:
-        NoOpenGLError: if there is none.
+        NoOpenGLError: If none succeeds.
     """
     for window in _windows():
         environment = dict(os.environ) | ({_VARIABLE: window} if window else {})
         try:
             trial = subprocess.run([sys.executable, "-c", _TRIAL], env=environment, capture_output=True,
-                                   timeout=_PATIENCE)  # fmt: skip
+                                   timeout=_TIMEOUT)  # fmt: skip
         except subprocess.TimeoutExpired:
             continue
         if trial.returncode == 0:
             os.environ.update({_VARIABLE: window} if window else {})
             return
     raise NoOpenGLError(
-        "surfaces cannot be drawn, for there is no OpenGL on this machine: install its software version, on Debian and "
-        "Ubuntu by apt-get install libegl1 libgl1-mesa-dri"
+        "Drawing surfaces needs OpenGL, which this machine lacks. Try `apt-get install libegl1 libgl1-mesa-dri` "
+        "(Debian and Ubuntu), which renders without a graphics card."
     )
 
 
 def _windows() -> list[str]:
-    """Kinds of windows of VTK to try, best first; an empty name leaves the choice to VTK."""
+    """Kinds of windows to try, best first; an empty name leaves the choice to VTK."""
     if chosen := os.environ.get(_VARIABLE):
         return [chosen]
     if sys.platform != "linux":

@@ -1,4 +1,4 @@
-"""A morph as a strip of pictures: columns are times, rows are morphs."""
+"""Strips of pictures: one row per morph, one column per time."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from matplotlib.figure import Figure
 from nsm.cli.errors import InputError
 from nsm.cli.extras import MissingPackageError
 from nsm.cli.files import whole_file
-from nsm.plots.flat import PlaneDrawing
+from nsm.plots.flat import LevelSetDrawing
 from nsm.plots.look import LOOK, Look, camera_for, surface
 from nsm.plots.opengl import NoOpenGLError
-from nsm.plots.studio import Studio
+from nsm.plots.renderer import SurfaceRenderer
 from nsm.types import Morph
 
 log = logging.getLogger(__name__)
 
-#: Times of the columns unless told otherwise.
+#: Times of the columns by default.
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
-#: Suffixes that a strip may have.
+#: File formats of a strip, by suffix.
 SUFFIXES = (".png", ".pdf", ".svg", ".jpg")
 _DPI = 200
-#: Space between drawings of 2D shapes, as a share of their width.
+#: Space between drawings of 2D shapes relative to their width.
 _GAP = 0.04
-#: Size of names and times in points at 400 pixels a picture.
+#: Font size of names and times in points, at 400 pixels per picture.
 _FONT = 8
-#: A row of a strip: height of its pictures as a share of their width, and what draws each of them.
+#: A row of a strip: height of its pictures divided by their width, and functions that draw each of them on axes.
 Tiles = tuple[float, list[Callable[[Axes], object]]]
-#: Told after each picture: how many are done, of how many.
+#: Called after each picture with the number of pictures done and their total.
 Progress = Callable[[int, int], object]
 
 
@@ -47,35 +47,40 @@ def render_strip(
     look: Look = LOOK,
     progress: Progress = lambda done, total: None,
 ) -> None:
-    """Draw morphs at some times, one row a morph: surfaces in 3D, filled shapes with their level sets in 2D.
+    """Draw morphs at some times, one row per morph: surfaces in 3D, filled shapes with their level sets in 2D.
 
-    All pictures of a row share a camera, which holds the surface at all times.
+    All pictures of a row share a camera that holds the surface at all its times.
 
     Args:
-        path: the picture; its suffix, one of `SUFFIXES`, chooses the format.
-        morphs: one morph, or several of the same dimension by name; names are written beside the rows.
-        times: of the columns.
-        size: pixels across one picture.
-        look: how fine, in which colors and from where.
-        progress: told after each picture.
+        path: The picture to write; its suffix, one of `SUFFIXES`, selects the format.
+        morphs: One morph, or several of the same dimension by name; names are written beside the rows.
+        times: Times of the columns, in [0, 1].
+        size: Width of one picture in pixels.
+        look: Resolution, colors, and camera.
+        progress: Called after each picture.
 
     Raises:
-        InputError: if morphs of 2 and 3 dimensions are to share a picture, nothing is given, the suffix is unknown, or
-            there is no OpenGL to draw surfaces with.
+        InputError: If the morphs are of different dimensions, there are no times, the suffix is unknown, or surfaces
+            cannot be drawn because there is no OpenGL.
+
+    >>> import nsm
+    >>> render_strip("strip.png", nsm.load_morph("outputs/demo"), [0, 0.5, 1], size=300)  # doctest: +SKIP
     """
     path, rows = Path(path), morphs if isinstance(morphs, Mapping) else {"": morphs}
     dims = {morph.dim for morph in rows.values()}
     if len(dims) != 1 or not len(times):
         raise InputError(
-            f"a strip shows morphs of one dimension at one time or more, not of dimensions {sorted(dims)} at "
-            f"{len(times)} times: draw them separately"
+            f"A strip must show morphs of one dimension at one time or more, got dimensions {sorted(dims)} at "
+            f"{len(times)} times. Try one strip for each dimension."
         )
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path} names no format of pictures: give a name that ends in {' or '.join(SUFFIXES)}")
+        raise InputError(
+            f"The name of a strip must end in {' or '.join(SUFFIXES)}, got {path}. Try `output=strip.png`."
+        )
     tiles: list[Tiles] = []
     for number, morph in enumerate(rows.values()):
         row = _Row(morph, times, size, look, partial(_tell, progress, number * len(times), len(rows) * len(times)))
-        tiles.append(row.surfaces() if dims == {3} else row.shapes())
+        tiles.append(row.surfaces() if dims == {3} else row.drawings())
     figure, grid = _figure(tiles, len(times), size, bool(any(rows)), 0.0 if dims == {3} else _GAP)
     font = _FONT * max(size / 400, 0.5)
     for axes, name, (_, fills) in zip(grid, rows, tiles, strict=True):
@@ -94,11 +99,11 @@ def render_strip(
 def try_strip(
     path: Path | str, morphs: Morph | Mapping[str, Morph], times: Sequence[float] = TIMES, *, size: int = 400
 ) -> bool:
-    """Draw a strip as `render_strip` does, or warn that this machine cannot; whether it was drawn."""
+    """Draw a strip with `render_strip`, or warn that this machine cannot; returns whether it was drawn."""
     try:
         render_strip(path, morphs, times, size=size)
     except (MissingPackageError, NoOpenGLError) as error:
-        log.warning("%s is left out: %s", path, error)
+        log.warning("Skipped %s. %s", path, error)
         return False
     return True
 
@@ -108,7 +113,7 @@ def _tell(progress: Progress, before: int, total: int, done: int) -> None:
 
 
 class _Row:
-    """One morph at all times."""
+    """One morph at all times of a strip."""
 
     def __init__(
         self, morph: Morph, times: Sequence[float], size: int, look: Look, done: Callable[[int], object]
@@ -116,19 +121,19 @@ class _Row:
         self.morph, self.times, self.size, self.look, self.done = morph, times, size, look, done
 
     def surfaces(self) -> Tiles:
-        """One rendered picture a time."""
+        """Render one picture per time."""
         camera, levels = camera_for(self.morph, self.look, self.times), self.look.levels(self.morph)
         pictures = []
-        with Studio(camera, self.size) as studio:
+        with SurfaceRenderer(camera, self.size) as renderer:
             for number, time in enumerate(self.times):
-                pictures.append(studio.draw(surface(self.morph, time, levels(time), self.look)))
+                pictures.append(renderer.draw(surface(self.morph, time, levels(time), self.look)))
                 self.done(number + 1)
         show = partial(Axes.imshow, interpolation="none", aspect="auto")
         return camera.aspect, [partial(show, X=picture) for picture in pictures]
 
-    def shapes(self) -> Tiles:
-        """One drawing a time."""
-        drawing = PlaneDrawing(self.morph, self.look)
+    def drawings(self) -> Tiles:
+        """Draw one 2D shape per time."""
+        drawing = LevelSetDrawing(self.morph, self.look)
 
         def fill(axis: Axes, number: int) -> None:
             drawing.draw(axis, self.times[number], line=1.6 * self.size / 400)
@@ -138,12 +143,12 @@ class _Row:
 
 
 def _figure(tiles: Sequence[Tiles], columns: int, size: int, named: bool, gap: float) -> tuple[Figure, np.ndarray]:
-    """A figure whose axes (rows, columns) have the size of the tiles to the pixel, with room for names and times."""
+    """Lay out axes (rows, columns) that match the tiles to the pixel, with space for names and times."""
     label = 0.3 * max(size / 400, 0.5)
     margin = label if named else 0.0
     between = gap * size / _DPI
     tile, heights = size / _DPI, [max(1, round(size * aspect)) / _DPI for aspect, _ in tiles]
-    # half a gap at the rims, or frames there would lose half their line
+    # half a gap at the rims, so that the lines around drawings there keep their full width
     width = margin + columns * (tile + between)
     height = label + sum(heights) + len(tiles) * between
     figure = Figure(figsize=(width, height), dpi=_DPI)

@@ -1,1 +1,1 @@
-"""Pictures and films: ``python -m nsm.render``."""
+"""Pictures and films of morphs: ``python -m nsm.render``."""

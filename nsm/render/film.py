@@ -1,4 +1,4 @@
-"""Films of morphs: MP4 and GIF, one morph or several side by side, with the volume as it goes."""
+"""Films of morphs as MP4 or GIF: one morph or several side by side, above a plot of their volumes."""
 
 from __future__ import annotations
 
@@ -15,39 +15,43 @@ import numpy as np
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 from nsm.cli.files import whole_file
+from nsm.cli.settings import invalid, positive
 from nsm.plots.look import LOOK, Look
-from nsm.render.panel import Panel, PlanePanel, SurfacePanel, caption
+from nsm.render.panel import LevelSetPanel, Panel, SurfacePanel, caption
 from nsm.render.timeline import Timeline, measure_volumes
 from nsm.types import Morph
 
-#: Width and height in pixels unless told otherwise.
+#: Width and height in pixels by default.
 SIZE = (1920, 1080)
-#: Suffixes that a film may have.
+#: File formats of a film, by suffix.
 SUFFIXES = (".mp4", ".gif")
-#: Part of the height that the volume takes, and that captions take.
+#: Part of the height that the plot of the volume takes, and part that a caption takes.
 _TIMELINE, _CAPTION = 0.2, 0.06
-#: Quality of H.264, a constant rate factor: visually without loss.
+#: Constant rate factor of H.264: visually lossless.
 _RATE_FACTOR = "17"
-#: Told after each frame: how many are done, of how many.
+#: Called after each frame with the number of frames done and their total.
 Progress = Callable[[int, int], object]
 
 
-class Moment(NamedTuple):
-    """What one frame shows: a time of the morph, and the angle by which shapes are turned, in radians."""
+class FilmFrame(NamedTuple):
+    """Time of the morph that one frame shows, and angle by which shapes are turned, in radians."""
 
     time: float
     angle: float
 
 
 class Pace(NamedTuple):
-    """How a film goes from t = 0 to 1.
+    """Timing of a film.
 
     Attributes:
-        seconds: from t = 0 to 1.
-        hold: seconds that it stands at either end.
-        fps: frames a second.
-        back: whether it plays back to t = 0 as well.
-        turns: how often shapes turn about the vertical in the whole film (3D).
+        seconds: Seconds from t = 0 to t = 1.
+        hold: Seconds for which it holds the first and the last time.
+        fps: Frames per second.
+        back: Whether it also plays back to t = 0.
+        turns: Turns of shapes about the vertical in the whole film (3D).
+
+    >>> [frame.time for frame in Pace(seconds=0.5, hold=0.0, fps=4).frames()]
+    [0.0, 0.5, 1.0]
     """
 
     seconds: float = 6.0
@@ -56,25 +60,25 @@ class Pace(NamedTuple):
     back: bool = False
     turns: float = 0.0
 
-    def moments(self) -> list[Moment]:
-        """One a frame.
+    def frames(self) -> list[FilmFrame]:
+        """List the frames of the film.
 
         Raises:
-            InputError: if there are none.
+            InputError: If a number is out of range.
         """
         _require_pace(self.seconds, self.fps)
-        if self.hold < 0:
-            raise InputError(f"hold={self.hold} cannot be: give seconds from 0 on, such as 0.5")
+        if not 0 <= self.hold < math.inf:
+            raise invalid("hold", "a number of seconds of at least 0", self.hold, 0.5)
         steps, held = max(1, round(self.seconds * self.fps)), round(self.hold * self.fps)
         forth = [number / steps for number in range(steps + 1)]
         times = [0.0] * held + forth + [1.0] * held
         if self.back:
             times += forth[-2::-1] + [0.0] * held
-        # a film of whole turns goes on where it began
-        return [Moment(time, 2 * math.pi * self.turns * number / len(times)) for number, time in enumerate(times)]
+        # a film of whole turns ends just before the angle at which it begins, so that it can be looped
+        return [FilmFrame(time, 2 * math.pi * self.turns * number / len(times)) for number, time in enumerate(times)]
 
 
-#: A film of seven seconds.
+#: Timing by default: a film of seven seconds.
 PACE = Pace()
 
 
@@ -87,23 +91,26 @@ def render_film(
     look: Look = LOOK,
     progress: Progress = lambda done, total: None,
 ) -> None:
-    """Film morphs from t = 0 to 1, side by side, above a curve of their volumes.
+    """Film morphs from t = 0 to t = 1, side by side, above a plot of their volumes.
 
-    The camera stands still. The curve is that of the shapes as they are drawn, at the levels of the look.
+    The camera does not move. The plot shows the volume of the shapes as they are drawn, at the levels of the look.
 
     Args:
-        path: ends in .mp4 (H.264) or .gif.
-        morphs: one, or several of the same dimension by name.
-        pace: how long, how smooth.
-        size: width and height in pixels.
-        look: how fine, in which colors and from where.
-        progress: told after each frame.
+        path: The file to write, which ends in .mp4 (H.264) or .gif.
+        morphs: One morph, or several of the same dimension by name.
+        pace: Timing.
+        size: Width and height in pixels.
+        look: Resolution, colors, and camera.
+        progress: Called after each frame.
 
     Raises:
-        InputError: for a size, pace or suffix of which no film can be made, for morphs of 2 and 3 dimensions together,
-            or if there is no OpenGL to draw surfaces with.
+        InputError: If the size, the timing, or the suffix is unsuitable, the morphs are of different dimensions, or
+            surfaces cannot be drawn because there is no OpenGL.
+
+    >>> import nsm
+    >>> render_film("film.mp4", nsm.load_morph("outputs/demo"), pace=Pace(seconds=4, back=True))  # doctest: +SKIP
     """
-    named, moments = _named(morphs), pace.moments()
+    named, frames = _named(morphs), pace.frames()
     width, height = _require_film(path, named, size)
     curves = {name: measure_volumes(morph, look.levels(morph)) for name, morph in named.items()}
     timeline = Timeline(curves, (width, round(height * _TIMELINE)))
@@ -111,7 +118,7 @@ def render_film(
     with ExitStack() as stack:
         tiles = [stack.enter_context(t) for t in _tiles(named, (width, height - timeline.size[1]), look, None, turning)]
         _write(
-            Path(path), (width, height), pace.fps, moments, lambda m: _frame(tiles, m, timeline.draw(m.time)), progress
+            Path(path), (width, height), pace.fps, frames, lambda f: _pixels(tiles, f, timeline.draw(f.time)), progress
         )
 
 
@@ -129,29 +136,34 @@ def render_turntable(
     """Film shapes at one time while they turn once about the vertical; the film can be looped.
 
     Args:
-        path: ends in .mp4 (H.264) or .gif.
-        morphs: one of three dimensions, or several by name.
-        time: from 0 to 1.
-        seconds: of a whole turn.
-        fps: frames a second.
-        size: width and height in pixels.
-        look: how fine, in which colors and from where.
-        progress: told after each frame.
+        path: The file to write, which ends in .mp4 (H.264) or .gif.
+        morphs: One morph of three dimensions, or several by name.
+        time: Time of the morph in [0, 1].
+        seconds: Seconds of the whole turn.
+        fps: Frames per second.
+        size: Width and height in pixels.
+        look: Resolution, colors, and camera.
+        progress: Called after each frame.
 
     Raises:
-        InputError: as `render_film`, and for morphs of two dimensions.
+        InputError: Under the conditions of `render_film`, and for morphs of two dimensions.
+
+    >>> import nsm
+    >>> render_turntable("turn.gif", nsm.load_morph("outputs/demo"), time=0.5, seconds=3)  # doctest: +SKIP
     """
     named = _named(morphs)
     width, height = _require_film(path, named, size)
     if {morph.dim for morph in named.values()} == {2}:
-        raise InputError("a shape of the plane has no other sides to turn to: give kind=film or kind=strip")
+        raise InputError(
+            "`kind=turntable` must be given a morph in 3D, got one in 2D. Try `kind=film` or `kind=strip`."
+        )
     _require_pace(seconds, fps)
     count = max(2, round(seconds * fps))
-    moments = [Moment(time, 2 * math.pi * number / count) for number in range(count)]
+    frames = [FilmFrame(time, 2 * math.pi * number / count) for number in range(count)]
     foot = caption(f"t = {time:.3g}", (width, round(height * _CAPTION)))
     with ExitStack() as stack:
         tiles = [stack.enter_context(t) for t in _tiles(named, (width, height - len(foot)), look, [time], True)]
-        _write(Path(path), (width, height), fps, moments, lambda m: _frame(tiles, m, foot), progress)
+        _write(Path(path), (width, height), fps, frames, lambda f: _pixels(tiles, f, foot), progress)
 
 
 def _named(morphs: Morph | Mapping[str, Morph]) -> Mapping[str, Morph]:
@@ -161,45 +173,45 @@ def _named(morphs: Morph | Mapping[str, Morph]) -> Mapping[str, Morph]:
 def _tiles(
     morphs: Mapping[str, Morph], size: tuple[int, int], look: Look, times: Sequence[float] | None, turning: bool
 ) -> Iterator[Panel]:
-    """One panel a morph, side by side, which fill a size."""
+    """Make one panel per morph, side by side, that together fill the given size."""
     edges = np.linspace(0, size[0], len(morphs) + 1).round().astype(int)
     for (name, morph), width in zip(morphs.items(), np.diff(edges).tolist(), strict=True):
         if morph.dim == 3:
             yield SurfacePanel(morph, name, (width, size[1]), look, times, turning)
         else:
-            yield PlanePanel(morph, name, (width, size[1]), look)
+            yield LevelSetPanel(morph, name, (width, size[1]), look)
 
 
-def _frame(tiles: Sequence[Panel], moment: Moment, foot: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.concatenate([tile.draw(*moment) for tile in tiles], 1), foot])
+def _pixels(tiles: Sequence[Panel], frame: FilmFrame, foot: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.concatenate([tile.draw(*frame) for tile in tiles], 1), foot])
 
 
 def _write(
     path: Path,
     size: tuple[int, int],
     fps: int,
-    moments: Sequence[Moment],
-    draw: Callable[[Moment], np.ndarray],
+    frames: Sequence[FilmFrame],
+    draw: Callable[[FilmFrame], np.ndarray],
     progress: Progress,
 ) -> None:
-    """Draw every different moment once, and hand frames to ffmpeg."""
-    again = {moment for moment, times in Counter(moments).items() if times > 1}
-    kept: dict[Moment, bytes] = {}
+    """Draw every distinct frame once, and pass all frames to ffmpeg."""
+    repeated = {frame for frame, count in Counter(frames).items() if count > 1}
+    kept: dict[FilmFrame, bytes] = {}
     with whole_file(path) as temporary, closing(_ffmpeg(temporary, size, fps)) as film:
         film.send(None)
-        for number, moment in enumerate(moments):
-            if moment in kept:
-                frame = zlib.decompress(kept[moment])
+        for number, frame in enumerate(frames):
+            if frame in kept:
+                pixels = zlib.decompress(kept[frame])
             else:
-                frame = np.ascontiguousarray(draw(moment)).tobytes()
-                if moment in again:
-                    kept[moment] = zlib.compress(frame, 1)
-            film.send(frame)
-            progress(number + 1, len(moments))
+                pixels = np.ascontiguousarray(draw(frame)).tobytes()
+                if frame in repeated:
+                    kept[frame] = zlib.compress(pixels, 1)
+            film.send(pixels)
+            progress(number + 1, len(frames))
 
 
 def _ffmpeg(path: Path, size: tuple[int, int], fps: int) -> Generator[None, bytes | None, None]:
-    """A generator that takes frames, of 8 bits of RGB."""
+    """A generator that receives frames as RGB of 8 bits and encodes them."""
     import imageio_ffmpeg
 
     common = {"size": size, "fps": fps, "quality": None, "macro_block_size": 1, "ffmpeg_log_level": "error"}
@@ -221,20 +233,19 @@ def _ffmpeg(path: Path, size: tuple[int, int], fps: int) -> Generator[None, byte
 def _require_film(path: Path | str, morphs: Mapping[str, Morph], size: Sequence[int]) -> tuple[int, int]:
     dims = sorted({morph.dim for morph in morphs.values()})
     if len(dims) != 1:
-        raise InputError(f"a film shows morphs of one dimension, not of dimensions {dims}: film them separately")
+        raise InputError(
+            f"A film must show morphs of one dimension, got dimensions {dims}. Try one film for each dimension."
+        )
     if Path(path).suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path} names no format of films: give a name that ends in {' or '.join(SUFFIXES)}")
+        raise InputError(f"The name of a film must end in {' or '.join(SUFFIXES)}, got {path}. Try `output=film.mp4`.")
     require("imageio_ffmpeg", extra="render", task="A film")
     sizes = list(size)
     if len(sizes) != 2 or any(isinstance(n, bool) or not isinstance(n, int) or n < 64 or n % 2 for n in sizes):
-        raise InputError(
-            f"size={sizes} is none of a film: give an even width and height of at least 64, such as [1920,1080]"
-        )
+        raise invalid("size", "an even width and height of at least 64", sizes, "[1920,1080]")
     return sizes[0], sizes[1]
 
 
 def _require_pace(seconds: float, fps: int) -> None:
-    if not 0 < seconds < math.inf:
-        raise InputError(f"seconds={seconds} make no film: give a number above 0, such as 6")
+    positive("seconds", seconds, 6)
     if isinstance(fps, bool) or not isinstance(fps, int) or not 1 <= fps <= 120:
-        raise InputError(f"fps={fps} cannot be played: give a whole number from 1 to 120, such as 30")
+        raise invalid("fps", "an integer from 1 to 120", fps, 30)

@@ -1,4 +1,4 @@
-"""One morph in a film: draws any time, at any angle, always at the same size."""
+"""Panels of a film: each draws one morph at any time and angle, always at the same size."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from nsm.plots.flat import PlaneDrawing
+from nsm.plots.flat import LevelSetDrawing
 from nsm.plots.look import Look, camera_for, surface
-from nsm.plots.studio import Studio, Surface
+from nsm.plots.renderer import Surface, SurfaceRenderer
 from nsm.types import Morph
 
 _DPI = 100
-#: Height of letters of captions as a share of the height of the caption, and of that of a panel.
+#: Height of letters relative to the caption, and of a caption relative to its panel.
 _LETTERS, _NAME = 0.45, 0.06
 
 
 class Panel(ABC):
-    """A morph's part of the frames of a film; a context."""
+    """Part of each frame of a film that shows one morph; a context manager."""
 
     @abstractmethod
     def draw(self, time: float, angle: float) -> np.ndarray:
-        """Pixels (height, width, 3), 8 bits of sRGB, at a time, turned by an angle in radians."""
+        """Draw a time, turned by an angle in radians, as sRGB pixels of 8 bits (height, width, 3)."""
 
     def __enter__(self) -> Panel:
         return self
@@ -37,19 +37,19 @@ class Panel(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Free what drawing took."""
+        """Free the resources of the panel."""
 
 
 class SurfacePanel(Panel):
-    """A surface, which turns about its vertical axis under a camera and lamps that stand still.
+    """Panel of a surface, which turns about its vertical axis; camera and lamps do not move.
 
     Args:
-        morph: of three dimensions.
-        name: its caption; none if empty.
-        size: width and height in pixels.
-        look: how it is prepared and seen.
-        times: that the camera must hold; the whole morph if None.
-        turning: whether angles other than 0 will be asked for.
+        morph: A morph of three dimensions.
+        name: Caption, omitted if empty.
+        size: Width and height in pixels.
+        look: Resolution, levels, colors, and camera.
+        times: Times at which the surface must fit into the picture; None for all.
+        turning: Whether it must fit at every angle.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class SurfacePanel(Panel):
         height -= len(self._title)
         self._morph, self._look, self._levels = morph, look, look.levels(morph)
         self._camera = camera_for(morph, look, times, height / width, turning)
-        self._studio = Studio(self._camera, width)
+        self._renderer = SurfaceRenderer(self._camera, width)
         self._last: tuple[float, Surface] | None = None
 
     def draw(self, time: float, angle: float) -> np.ndarray:
@@ -70,31 +70,31 @@ class SurfacePanel(Panel):
         turned = still._replace(
             vertices=self._camera.turned(still.vertices, angle), normals=still.normals @ self._camera.turn(angle).T
         )
-        return np.concatenate([self._title, self._studio.draw(turned)])
+        return np.concatenate([self._title, self._renderer.draw(turned)])
 
     def close(self) -> None:
-        self._studio.close()
+        self._renderer.close()
 
 
-class PlanePanel(Panel):
-    """A shape of the plane; it does not turn.
+class LevelSetPanel(Panel):
+    """Panel of a 2D shape, which does not turn.
 
     Args:
-        morph: of two dimensions.
-        name: its caption; none if empty.
-        size: width and height in pixels.
-        look: how it is drawn.
+        morph: A morph of two dimensions.
+        name: Caption, omitted if empty.
+        size: Width and height in pixels.
+        look: Resolution, levels, and colors.
     """
 
     def __init__(self, morph: Morph, name: str, size: tuple[int, int], look: Look) -> None:
         self._title = _title(name, size)
         self._size = (size[0], size[1] - len(self._title))
-        self._drawing = PlaneDrawing(morph, look)
+        self._drawing = LevelSetDrawing(morph, look)
 
     def draw(self, time: float, angle: float) -> np.ndarray:
         width, height = self._size
         figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
-        # the largest box of the drawing's shape, with a margin
+        # the largest rectangle of the drawing's aspect, with a margin
         wide = 0.94 * min(width, height / self._drawing.aspect)
         tall = wide * self._drawing.aspect
         axis = figure.add_axes((0.5 - wide / width / 2, 0.5 - tall / height / 2, wide / width, tall / height))
@@ -103,11 +103,11 @@ class PlanePanel(Panel):
         return np.concatenate([self._title, pixels(figure)])
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: there are no resources to free."""
 
 
 def caption(text: str, size: tuple[int, int]) -> np.ndarray:
-    """Pixels (height, width, 3) of a line of text in the middle of white paper; ``size`` is width and height."""
+    """Draw a line of text, centered on white, as pixels (height, width, 3); ``size`` is width and height."""
     width, height = size
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
     figure.text(0.5, 0.5, text, ha="center", va="center", fontsize=_LETTERS * height * 72 / _DPI, color="0.15")
@@ -115,7 +115,7 @@ def caption(text: str, size: tuple[int, int]) -> np.ndarray:
 
 
 def pixels(figure: Figure) -> np.ndarray:
-    """A drawn figure as (height, width, 3), 8 bits of sRGB."""
+    """Draw a figure as sRGB pixels of 8 bits (height, width, 3)."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()

@@ -1,4 +1,4 @@
-"""The volume over time, drawn as a film plays."""
+"""Plot of the volume over time, with a marker that moves as a film plays."""
 
 from __future__ import annotations
 
@@ -16,32 +16,31 @@ from nsm.plots.curves import COLOURS as SERIES
 from nsm.render.panel import pixels
 from nsm.types import Morph
 
-#: Times at which the volume is measured, and cells along the box, by dimension.
-_TIMES, _RESOLUTION = 21, {2: 128, 3: 64}
-#: Points of the curve that is drawn.
+#: Number of times at which the volume is measured.
+_TIMES = 21
+#: Points of each drawn curve.
 _POINTS = 401
-#: Deviations in per cent below which a curve should look flat.
+#: Deviation in percent below which a curve should look flat.
 _FLAT = 0.5
 _DPI = 100
 
 
 def measure_volumes(morph: Morph, levels: Levels) -> VolumeCurve:
-    """Volumes inside the surfaces at the levels of each time."""
+    """Measure the volume that a morph's surface encloses at the level of each time."""
     times = torch.linspace(0, 1, _TIMES, dtype=torch.double)
-    resolution = _RESOLUTION[morph.dim]
     volumes = []
     for time in times.tolist():
         level = levels(time)
-        volumes.append(volume(lambda x, t=time, c=level: morph(x, t) - c, morph.bounds, resolution))  # type: ignore[misc]
+        volumes.append(volume(lambda x, t=time, c=level: morph(x, t) - c, morph.bounds))  # type: ignore[misc]
     return VolumeCurve(times, torch.tensor(volumes, dtype=torch.double))
 
 
 class Timeline:
-    """A curve for each morph, of its volume's deviation from that at t = 0, with a dot at the time that is shown.
+    """Plot of each morph's volume relative to that at t = 0, with a dot at the current time.
 
     Args:
-        curves: by name; names stand beside the curves where there are several.
-        size: width and height in pixels.
+        curves: Volume curves by name.
+        size: Width and height in pixels.
     """
 
     def __init__(self, curves: Mapping[str, VolumeCurve], size: tuple[int, int]) -> None:
@@ -56,16 +55,16 @@ class Timeline:
         self._range = (float(values.min() - margin), float(values.max() + margin))
 
     def draw(self, time: float) -> np.ndarray:
-        """Pixels (height, width, 3), 8 bits of sRGB, at a time."""
+        """Draw the plot at a time as sRGB pixels of 8 bits (height, width, 3)."""
         width, height = self.size
         figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
         letters = 0.095 * height * 72 / _DPI
         line = letters / 6
         axis = figure.add_axes((0.16, 0.3, 0.68, 0.6))
         axis.axhline(0, color="0.8", linewidth=line / 3, zorder=0)
-        for number, (name, values) in enumerate(self._curves.items()):
+        for number, values in enumerate(self._curves.values()):
             color = SERIES[number % len(SERIES)]
-            axis.plot(self._times, values, color=color, alpha=0.25, linewidth=line, label=name)
+            axis.plot(self._times, values, color=color, alpha=0.25, linewidth=line)
             past = self._times <= time
             now = float(np.interp(time, self._times, values))
             axis.plot([*self._times[past], time], [*values[past], now], color=color, linewidth=1.4 * line)

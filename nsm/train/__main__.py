@@ -1,11 +1,11 @@
-"""``python -m nsm.train``: from two shapes to a morph, or from one shape to its signed distance network."""
+"""``nsm train``: from two shapes to a morph, or from one shape to its signed distance network."""
 
 from __future__ import annotations
 
-import json
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,43 +17,53 @@ from lightning.pytorch.loggers import Logger, WandbLogger
 from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
-from nsm.cli.files import whole_file
 from nsm.cli.runtime import keep_freed_memory
 from nsm.cli.settings import choice, use_threads, whole_number
 from nsm.io.build import build
 from nsm.io.checkpoint import describe
 from nsm.sampling import Fractions, MorphSampler
-from nsm.train.callbacks import Checkpoints, ExitOnSignal, Progress, StopOnSignal
+from nsm.train.callbacks import Checkpoints, ExitOnSignal, MorphWriter, Progress, StopOnSignal
 from nsm.train.optimal_transport import transport_run
 from nsm.train.recovery import fit_with_recovery, require_same_run
+from nsm.train.summary import Summary
 from nsm.train.tasks import FieldData, FieldTask, MorphTask, draw_pools, prepare_ends, starting_network
 
 log = logging.getLogger(__name__)
 
-#: Points by which validation judges a morph, half of them on each end shape.
+#: Points on the end shapes, half of them on each, at which validation measures a morph.
 VALIDATION_POINTS = 8000
-#: An error of volume at the ends that is told.
-VOLUME_WARNING = 0.05
-#: Makes what a config names, from plain lists and dicts: nothing of the configuration ends up in a checkpoint.
+#: Instantiates ``_target_`` from plain lists and dicts: no part of the configuration object may enter a checkpoint.
 instantiate = partial(hydra_instantiate, _convert_="all")
 
 
 def main(cfg: DictConfig) -> None:
-    """Train as configured, and write everything into the run's folder."""
+    """Train as configured, and write everything into the folder of the run."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     config: Any = OmegaConf.to_container(cfg, resolve=True)
-    kinds: dict[str, Callable[..., None]] = {
+    kinds: dict[str, Callable[..., Summary | None]] = {
         "morph": partial(_train, _prepare_morph),
         "sdf": partial(_train, _prepare_sdf),
         "ot": _transport,
     }
-    _require_sensible(cfg, tuple(kinds))
+    _require_valid(cfg, tuple(kinds))
     if cfg.resume:
         require_same_run(_last(folder), config)
+    if not _names_shapes(HydraConfig.get().overrides.task):
+        log.info(
+            "No shapes were given, so this run trains the demo, %s into %s. See `nsm train --help` to choose shapes.",
+            *(HydraConfig.get().runtime.choices[f"shape@{end}"] for end in ("source", "target")),
+        )
     keep_freed_memory()
     use_threads(config)
     L.seed_everything(cfg.seed, verbose=False)
-    kinds[cfg.task.kind](cfg, config, folder)
+    if summary := kinds[cfg.task.kind](cfg, config, folder):
+        summary.write(folder)
+        summary.report(folder)
+
+
+def _names_shapes(overrides: Sequence[str]) -> bool:
+    """Whether a command line chooses or changes a shape."""
+    return any(override.lstrip("+").startswith(("shape@", "source", "target", "experiment")) for override in overrides)
 
 
 def _train(
@@ -61,7 +71,7 @@ def _train(
     cfg: DictConfig,
     config: dict[str, Any],
     folder: Path,
-) -> None:
+) -> Summary | None:
     begin = time.monotonic()
     task, data, steps = prepare(cfg, config)
     prepared = time.monotonic()
@@ -79,13 +89,16 @@ def _train(
     finally:
         _finish(loggers)
     if stop.received:
-        log.warning("stopped at step %d of %d; to go on, repeat the command with hydra.run.dir=%s resume=true",
-                    done.global_step, steps, folder)  # fmt: skip
+        log.warning(
+            "Training stopped at step %d of %d. Repeat the command with `hydra.run.dir=%s resume=true` to continue.",
+            done.global_step, steps, folder,
+        )  # fmt: skip
         raise SystemExit(128 + stop.received)
     if not done.callback_metrics:
-        log.info("the run in %s has made its %d steps already", folder, steps)
-        return
-    _summarise(done, folder, prepared - begin, time.monotonic() - prepared)
+        log.info("The run in %s has already finished its %d steps.", folder, steps)
+        return None
+    figures, best = _best_figures(done)
+    return Summary(done.global_step, time.monotonic() - prepared, figures, prepared - begin, best)
 
 
 def _last(folder: Path) -> Path:
@@ -93,27 +106,29 @@ def _last(folder: Path) -> Path:
 
 
 def _finish(loggers: list[Logger]) -> None:
-    """Close a run of wandb, or the next one of a multirun would go on in it."""
+    """Close a run of wandb; otherwise the next run of a multirun continues it."""
     for logger in loggers:
         if isinstance(logger, WandbLogger):
             logger.experiment.finish()
 
 
-def _require_sensible(cfg: DictConfig, kinds: tuple[str, ...]) -> None:
-    """Raise an `InputError` for what would fail late or never end."""
+def _require_valid(cfg: DictConfig, kinds: tuple[str, ...]) -> None:
+    """Refuse settings with which a run would fail late or never end."""
     choice("task.kind", cfg.task.kind, kinds)
     for name in ("steps", "validations", "sampler.size", "sampler.pool", "sdf.steps", "sdf.size", "sdf.pool"):
         whole_number(name, OmegaConf.select(cfg, name))
 
 
-def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> None:
+def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary | None:
     if cfg.resume and _last(folder).is_file():
-        log.info("the run in %s has made its morph already, without any steps", folder)
-        return
+        log.info("The run in %s has already finished; optimal transport has no steps.", folder)
+        return None
+    begin = time.monotonic()
     method = instantiate(cfg.task.transport)
     ends = prepare_ends(instantiate(cfg.source), instantiate(cfg.target), _fit(cfg, config), equal=cfg.equal_volume)
-    transport_run(method, ends.source, ends.target, ends.provenance, config, folder)
-    _tell_files(folder)
+    prepared = time.monotonic() - begin
+    writers = [callback for callback in instantiate(cfg.callbacks).values() if isinstance(callback, MorphWriter)]
+    return replace(transport_run(method, ends, config, writers, folder), preparing=prepared)
 
 
 def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
@@ -176,39 +191,13 @@ def _fit(cfg: DictConfig, config: dict[str, Any]) -> Any:
     return instantiate(cfg.sdf)(settings=config["sdf"], trainer=trainer)
 
 
-def _summarise(trainer: L.Trainer, folder: Path, preparing: float, training: float) -> None:
-    """Write ``summary.json``, with the figures of the best step, and say where everything is."""
-    figures, best = _best_figures(trainer)
-    times = {"preparing_s": preparing, "training_s": training}
-    summary = {"steps": trainer.global_step, "best_step": best, **times, **figures}
-    with whole_file(folder / "summary.json") as temporary:
-        temporary.write_text(json.dumps(summary, indent=2) + "\n")
-    if (off := figures.get("val/volume_error", 0.0)) > VOLUME_WARNING:
-        log.warning(
-            "the volume of the morph is %.0f %% off that of its end shapes: look at the strip for pieces that belong "
-            "to neither, and train with half of optimizer.lr or more steps",
-            100 * off,
-        )
-    log.info("%d steps in %.0f s, after %.0f s of preparation", trainer.global_step, training, preparing)
-    if "val/error" in figures:
-        log.info("best.ckpt and what is drawn of it are of step %d, with val/error %.3g", best, figures["val/error"])
-    _tell_files(folder)
-
-
 def _best_figures(trainer: L.Trainer) -> tuple[dict[str, float], int]:
-    """What validation measured at the best step, and that step; at the last one, if the run keeps no checkpoints."""
+    """Figures of validation at the best step, and that step; those of the last if the run keeps no checkpoints."""
     checkpoints = trainer.checkpoint_callback
     if isinstance(checkpoints, Checkpoints) and checkpoints.best_step is not None:
         return checkpoints.best_figures, checkpoints.best_step
     figures = {name: float(v) for name, v in trainer.callback_metrics.items() if name.startswith("val/")}
     return figures, trainer.global_step
-
-
-def _tell_files(folder: Path) -> None:
-    for file in sorted(
-        p for p in folder.rglob("*") if p.is_file() and not p.relative_to(folder).parts[0].startswith(".")
-    ):
-        log.info("wrote %s", file)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Training that survives: resumed after a stop, set back after a collapse."""
+"""Recovery of training: resuming after a stop, and stepping back after a collapse."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ from nsm.train.tasks import Collapse, FieldData, FieldTask
 
 log = logging.getLogger(__name__)
 
-#: What the learning rate is multiplied by after a collapse.
+#: Factor of the learning rate after a collapse.
 SMALLER_STEP = 0.5
 
 
 def fit_with_recovery(
     trainer: Callable[[], L.Trainer], task: FieldTask, data: FieldData, last: Path, resume: bool
 ) -> L.Trainer:
-    """Train; after a collapse go back to the last good checkpoint and go on with half the step, once.
+    """Train; after a first collapse, continue from the last good checkpoint with half the learning rate.
 
-    A checkpoint is good because it is written only after a validation that found a shape and finite losses.
+    Every checkpoint is good, because it is written only after a validation that found a surface and finite losses.
 
     Args:
-        trainer: makes a fresh trainer.
-        task, data: what to train.
-        last: where the last good checkpoint is written.
-        resume: whether to begin from it, if it is there.
+        trainer: Factory of trainers.
+        task: Networks and loss to train.
+        data: Batches for training and validation.
+        last: File of the last checkpoint.
+        resume: Whether to begin from that file, if it exists.
 
     Returns:
         The trainer that finished.
 
     Raises:
-        InputError: if training collapses again.
+        InputError: If training collapses a second time.
     """
     start = copy.deepcopy(task.state_dict())
     begun = resume and last.is_file()
@@ -48,34 +49,42 @@ def fit_with_recovery(
         task.step_scale *= SMALLER_STEP
         good = last if _written(last) != stale else None
         where = "the last good checkpoint" if good else "the beginning"
-        log.warning("%s: going back to %s with %g of the learning rate", collapse, where, SMALLER_STEP)
+        log.warning("Collapse: %s. Going back to %s with %g of the learning rate.", collapse, where, SMALLER_STEP)
         if good is None:
             task.load_state_dict(start)
-        task.train()  # a validation may have broken off
+        task.train()  # the collapse may have interrupted a validation
     try:
         return _fit(trainer(), task, data, good)
     except Collapse as collapse:
         raise InputError(
-            f"training collapsed twice ({collapse}), the second time with half the learning rate: lower "
-            "optimizer.lr fourfold, or raise sampler.size"
+            f"Training must stay stable, got two collapses ({collapse}), the second with half the learning rate. Try a "
+            "quarter of `optimizer.lr`, or a larger `sampler.size`."
         ) from collapse
 
 
 def require_same_run(last: Path, config: dict[str, Any]) -> None:
-    """Raise an `InputError` unless a checkpoint to go on from was written by a run of this very configuration."""
+    """Require that the checkpoint to resume from was written with the same configuration.
+
+    Args:
+        last: File of the last checkpoint.
+        config: Resolved configuration of this run.
+
+    Raises:
+        InputError: If a setting other than ``resume`` and ``threads`` differs.
+    """
     if not last.is_file():
         return
     before = read_checkpoint(last)["nsm"]["config"]
     changed = sorted(_differences(before, config, "") - {"resume", "threads"})
     if changed:
         raise InputError(
-            f"{last} was written with another {', '.join(changed[:3])}: repeat the command it was started with, plus "
-            "resume=true, or choose another hydra.run.dir"
+            f"`resume=true` must repeat the settings of the run in {last.parent.parent}, got another "
+            f"{', '.join(changed[:3])}. Try the command that started the run, or another `hydra.run.dir`."
         )
 
 
 def _written(file: Path) -> int | None:
-    """When a file was written, in ns, or None if it is not there; a folder may hold the last one of an older run."""
+    """Time of the last change of a file in ns, None if it does not exist; it may be left from an older run."""
     return file.stat().st_mtime_ns if file.is_file() else None
 
 

@@ -1,4 +1,4 @@
-"""A table of all runs at the end of a multirun."""
+"""Table of all runs at the end of a multirun."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from rich.console import Console
 from rich.table import Table
 
 from nsm.cli.files import whole_file
+from nsm.train.summary import FIGURES
 
 
 class SweepSummary(Callback):
-    """Collects the ``summary.json`` of every run below the sweep's folder into ``summary.csv``, and prints it.
+    """Collects the ``summary.json`` of all runs in the folder of a multirun into ``summary.csv``.
 
-    Beside its folder, each run is named by the overrides that are not those of all runs.
+    Also prints a table of what varied between the runs and of the figures that matter.
     """
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
@@ -34,21 +35,28 @@ class SweepSummary(Callback):
         with whole_file(folder / "summary.csv") as temporary, temporary.open("w", newline="") as table:
             writer = csv.writer(table)
             writer.writerow(["run", "varied", *names])
-            for run, what, values in zip(runs, varied, figures, strict=True):
-                writer.writerow([run, what, *(values.get(name, "") for name in names)])
+            for run, overrides, values in zip(runs, varied, figures, strict=True):
+                writer.writerow([run, overrides, *(values.get(name, "") for name in names)])
 
-        shown = Table(title=f"{len(runs)} runs in {folder}")
-        shown.add_column("run")
-        shown.add_column("varied", overflow="fold")
-        for name in names:
-            shown.add_column(name.removeprefix("val/"), justify="right")
-        for run, what, values in zip(runs, varied, figures, strict=True):
-            shown.add_row(run, what, *(f"{values[name]:.4g}" if name in values else "" for name in names))
-        Console().print(shown)
+        Console().print(_table(f"{len(runs)} runs in {folder}", runs, varied, figures))
+
+
+def _table(title: str, runs: list[str], varied: list[str], figures: list[dict[str, float]]) -> Table:
+    """What was varied in each run, and the figures that matter."""
+    shown = {name: short for name, short in FIGURES.items() if any(name in run for run in figures)}
+    table = Table(title=title)
+    table.add_column("run")
+    table.add_column("varied", overflow="fold")
+    for header, _ in shown.values():
+        table.add_column(header, justify="right")
+    for run, overrides, values in zip(runs, varied, figures, strict=True):
+        cells = (text.format(values[name]) if name in values else "" for name, (_, text) in shown.items())
+        table.add_row(run, overrides, *cells)
+    return table
 
 
 def _number(file: Path) -> tuple[int, str]:
-    """Runs in the order of their job numbers, which are the names of their folders."""
+    """Sort key for the order of job numbers, which are the names of the folders."""
     name = file.parent.name
     return (int(name) if name.isdigit() else 1 << 30, str(file))
 
@@ -59,6 +67,6 @@ def _overrides(folder: Path) -> list[str]:
 
 
 def _varied(overrides: list[list[str]]) -> list[str]:
-    """What distinguishes each run."""
+    """Overrides of each run that not all runs share."""
     common = set.intersection(*map(set, overrides)) if len(overrides) > 1 else set()
     return [" ".join(o for o in run if o not in common) for run in overrides]

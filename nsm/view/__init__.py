@@ -1,1 +1,1 @@
-"""Morphs on a page in the browser: ``python -m nsm.view``."""
+"""Interactive viewer in the browser: ``python -m nsm.view``."""

@@ -1,4 +1,4 @@
-"""``python -m nsm.view``: morphs on a page in the browser, or in a file that plays them there."""
+"""``python -m nsm.view``: show morphs on a page in the browser, or record them in an HTML file."""
 
 from __future__ import annotations
 
@@ -12,29 +12,28 @@ from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
-from rich.console import Console
-from rich.progress import Progress
 
 from nsm.cli import entry
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
+from nsm.cli.progress import Progress
 from nsm.cli.settings import number, positive, switch, use_threads, whole_number
 from nsm.io.loading import LoadedMorph, load_morphs
 from nsm.metrics import even_times
-from nsm.view.frames import Settings
+from nsm.view.pictures import Settings
 
 log = logging.getLogger(__name__)
 
-#: What ends a viewer: Ctrl-C, and a polite request of the system.
+#: Signals that end the viewer: Ctrl-C, and termination by the system.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-#: Seconds between two looks at whether the work goes on.
-_PATIENCE = 0.2
+#: Seconds between checks for a signal or a failure of a background thread.
+_INTERVAL = 0.2
 _MIB = 1 << 20
 _LAST_PORT = 65535
 
 
 def main(cfg: DictConfig) -> None:
-    """Load the morphs and show them until somebody ends it, or record them."""
+    """Load the morphs, and show them until a signal ends the viewer, or record them."""
     require("viser", extra="view", task="The viewer")
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     settings = Settings(
@@ -52,39 +51,38 @@ def main(cfg: DictConfig) -> None:
     memory = whole_number("memory", config["memory"], 1) * _MIB
     port = config["port"]
     if port is not None and whole_number("port", port, 1) > _LAST_PORT:
-        raise InputError(f"port={port} cannot be: give a number up to {_LAST_PORT}")
-    subjects = load_morphs(config, "nsm.view")
+        raise InputError(f"`port` must be at most {_LAST_PORT}, got {port}. Try `port=8080`.")
+    loaded = load_morphs(config, "nsm.view")
     from nsm.view.page import Viewer
 
-    with _until_told() as told:
-        viewer = Viewer(subjects, settings, times, seconds, memory, str(config["host"]), port)
+    with _stop_signal() as stopped:
+        viewer = Viewer(loaded, settings, times, seconds, memory, str(config["host"]), port)
         try:
-            log.info("%s shows %s; Ctrl-C ends it", viewer.url, ", ".join(subject.name for subject in subjects))
+            log.info("%s shows %s. Press Ctrl-C to end.", viewer.url, ", ".join(each.name for each in loaded))
             if switch("open_browser", config["open_browser"]):
                 _open(viewer.url)
-            while not told.wait(_PATIENCE):
+            while not stopped.wait(_INTERVAL):
                 viewer.wait(0)
         finally:
             viewer.close()
 
 
-def _record(file: Path, subjects: list[LoadedMorph], settings: Settings, times: list[float], seconds: float) -> None:
+def _record(file: Path, loaded: list[LoadedMorph], settings: Settings, times: list[float], seconds: float) -> None:
     from nsm.view.recording import record
 
-    with Progress(console=Console(stderr=True)) as bar:
-        work = record(file, subjects, settings, times, seconds)
-        for _ in bar.track(work, len(subjects) * len(times), description="recording"):
-            pass
-    log.info("wrote %s, %.1f MB: it opens in a browser", file, file.stat().st_size / 1e6)
+    with Progress("recording", len(loaded) * len(times), unit="surfaces") as progress:
+        for done in record(file, loaded, settings, times, seconds):
+            progress.update(done)
+    log.info("wrote %s (%.1f MB), which opens in any browser", file, file.stat().st_size / 1e6)
 
 
 @contextmanager
-def _until_told() -> Iterator[threading.Event]:
-    """An event that is set by Ctrl-C or SIGTERM, which then end nothing by themselves."""
-    told = threading.Event()
-    before = {number: signal.signal(number, lambda *_: told.set()) for number in _SIGNALS}
+def _stop_signal() -> Iterator[threading.Event]:
+    """Provide an event that Ctrl-C and SIGTERM set instead of ending the process."""
+    stopped = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stopped.set()) for number in _SIGNALS}
     try:
-        yield told
+        yield stopped
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -96,13 +94,13 @@ def _open(url: str) -> None:
     except webbrowser.Error:
         opened = False
     if not opened:
-        log.warning("no browser is found on this machine: open %s in one, or leave out open_browser=true", url)
+        log.warning("found no browser on this machine: open %s in one, or omit `open_browser=true`", url)
 
 
 def _page_file(given: Any) -> Path:
     file = Path(str(given))
     if file.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"record={given} is no page: give a name that ends in .html, such as record=morph.html")
+        raise InputError(f"`record` must name an .html file, got {given}. Try `record=morph.html`.")
     return file
 
 

@@ -1,70 +1,70 @@
-"""A 2D shape as triangles in space: its inside filled, its outline a ribbon."""
+"""2D shapes as triangles in space: a filled inside, and a ribbon along the outline."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
 from scipy.spatial import Delaunay, QhullError
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from nsm.geometry.topology import simplex_normals
 from nsm.types import SignedDistance, SimplexMesh
 
-#: The outline lies this far before the inside, and on either side of it, in shares of the box's edge.
+#: Height of the outline above the inside, and half its width, relative to the edge of the box.
 _LIFT, _SIDE = 0.002, 0.004
 
-Triangles = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "m 3"]]
 
+def filled(mesh: SimplexMesh, field: SignedDistance, level: float) -> SimplexMesh:
+    """Cover {f < level} with triangles in the plane z = 0.
 
-def filled(mesh: SimplexMesh, field: SignedDistance, level: float) -> Triangles:
-    """Triangles (v, 3), (m, 3) in the plane z = 0 that cover {f < level}.
-
-    They are those of the Delaunay triangulation of the outline's vertices whose middles lie inside: vertices a cell
-    apart sample an outline densely enough for its segments to be edges.
+    Of the Delaunay triangulation of the outline's vertices, these are the triangles whose centroids lie inside.
+    Vertices one cell apart sample an outline densely enough for its segments to be edges of the triangulation.
 
     Args:
-        mesh: the outline, segments in 2D.
-        field: f, maps points (n, 2) to values (n,).
-        level: the value of f on the outline.
+        mesh: The outline, segments in 2D.
+        field: f, which maps points (n, 2) to values (n,).
+        level: Value of f on the outline.
+
+    Returns:
+        Triangles in 3D, counter-clockwise.
     """
-    points = mesh.vertices.cpu().double().numpy()
+    points = mesh.vertices.cpu().double()
     try:
-        triangles = Delaunay(points).simplices
+        triangles = torch.from_numpy(Delaunay(points.numpy()).simplices.astype(np.int64))
     except (QhullError, ValueError):  # fewer than three points, or all of them on a line: there is no inside
-        triangles = np.empty((0, 3), dtype=np.int32)
-    middles = torch.from_numpy(points[triangles].mean(1)).to(mesh.vertices)
-    triangles = triangles[(field(middles) < level).cpu().numpy()] if len(triangles) else triangles
-    return _in_space(points, 0.0), _facing(points, triangles)
+        triangles = torch.empty((0, 3), dtype=torch.long)
+    centroids = points[triangles].mean(1).to(mesh.vertices)
+    triangles = triangles[(field(centroids) < level).cpu()] if len(triangles) else triangles
+    return _in_space(points, triangles, 0.0)
 
 
-def ribbon(mesh: SimplexMesh, edge: float) -> Triangles:
-    """Triangles of a band along each segment, just before the plane; their vertices are four a segment.
+def ribbon(mesh: SimplexMesh, edge: float) -> SimplexMesh:
+    """Lay a band of triangles along each segment, just in front of the plane z = 0.
 
-    The first two belong to the segment's first vertex, the last two to its second.
+    Each segment has four vertices: the first two at its first end, the last two at its second.
 
     Args:
-        mesh: segments in 2D.
-        edge: of the box, which sets how wide the band is.
+        mesh: Segments in 2D.
+        edge: Edge of the box, relative to which the band has its width.
+
+    Returns:
+        Triangles in 3D, counter-clockwise.
     """
-    ends = mesh.vertices[mesh.simplices]
-    side = torch.nn.functional.normalize(simplex_normals(mesh), dim=1) * (_SIDE * edge)
-    along = torch.stack([-side[:, 1], side[:, 0]], 1) / 2  # so that neighboring bands meet without a notch
+    ends = mesh.vertices[mesh.simplices.long()].cpu().double()
+    side = normalize(simplex_normals(mesh), dim=1).cpu().double() * (_SIDE * edge)
+    along = torch.stack([-side[:, 1], side[:, 0]], 1) / 2  # bands overlap by this, or there would be notches
     corners: list[Tensor] = [ends[:, 0] - along - side, ends[:, 0] - along + side]
     corners += [ends[:, 1] + along - side, ends[:, 1] + along + side]
-    points = torch.stack(corners, 1).reshape(-1, 2).cpu().double().numpy()
-    first = 4 * np.arange(len(ends))[:, None]
-    triangles = np.concatenate([first + np.array([0, 1, 2]), first + np.array([1, 3, 2])])
-    return _in_space(points, _LIFT * edge), _facing(points, triangles)
+    first = 4 * torch.arange(len(ends))[:, None]
+    triangles = torch.cat([first + torch.tensor([0, 1, 2]), first + torch.tensor([1, 3, 2])])
+    return _in_space(torch.stack(corners, 1).reshape(-1, 2), triangles, _LIFT * edge)
 
 
-def _in_space(points: np.ndarray, height: float) -> np.ndarray:
-    return np.column_stack([points, np.full(len(points), height)])
-
-
-def _facing(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The triangles turned counter-clockwise, so that their normals point to the viewer."""
-    a, b, c = (points[triangles[:, corner]] for corner in range(3))
+def _in_space(points: Tensor, triangles: Tensor, height: float) -> SimplexMesh:
+    """Triangles at a height, turned counter-clockwise, so that their normals point to the viewer."""
+    a, b, c = points[triangles].unbind(1)
     u, v = b - a, c - a
-    turned = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
-    return np.where(turned[:, None], triangles[:, ::-1], triangles)
+    clockwise = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
+    vertices = torch.cat([points, points.new_full((len(points), 1), height)], 1)
+    return SimplexMesh(vertices, torch.where(clockwise[:, None], triangles.flip(1), triangles))

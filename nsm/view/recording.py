@@ -1,4 +1,4 @@
-"""Morphs as one file that plays in any browser, without a server."""
+"""Recordings: HTML files that play morphs in any browser, without a server."""
 
 from __future__ import annotations
 
@@ -7,49 +7,54 @@ from pathlib import Path
 
 from nsm.cli.files import whole_file
 from nsm.io.loading import LoadedMorph
-from nsm.view.frames import Photographer, Settings
-from nsm.view.page import caption, close_server, one_dimension, open_server
-from nsm.view.stage import Extent, Stage
+from nsm.view.page import caption, one_dimension
+from nsm.view.pictures import PictureMaker, Settings
+from nsm.view.scene import Extent, Scene
+from nsm.view.server import close_server, open_server
 from nsm.view.store import Key
 
 
 def record(
-    path: Path | str, subjects: Sequence[LoadedMorph], settings: Settings, times: Sequence[float], seconds: float = 6.0
+    path: Path | str,
+    loaded: Sequence[LoadedMorph],
+    settings: Settings,
+    times: Sequence[float],
+    seconds: float = 6.0,
 ) -> Iterator[int]:
-    """Write an HTML file that holds all frames and the page that plays them to and fro, by viser's own recording.
+    """Write an HTML file that holds all pictures and plays them back and forth, with the recorder of viser.
 
     Args:
-        path: the file, which appears whole or not at all.
-        subjects: the morphs, all of one dimension.
-        settings: of all frames.
-        times: from 0 to 1, one a frame.
-        seconds: from 0 to 1.
+        path: The file to write, atomically.
+        loaded: The morphs, all of one dimension.
+        settings: Settings of all pictures.
+        times: Times in [0, 1].
+        seconds: Seconds from the first time to the last.
 
     Yields:
-        How many frames are done, of ``len(subjects) * len(times)``; the file is there when it ends.
+        Number of pictures done, of ``len(loaded) * len(times)``. The file exists once the iterator is exhausted.
 
     Raises:
-        InputError: if the file cannot be written, the morphs are not of one dimension, or cannot be colored so.
+        InputError: If the file cannot be written, the morphs are of different dimensions, or lack what the color shows.
     """
-    morphs = [subject.morph for subject in subjects]
-    dim = one_dimension(subjects)
+    morphs = [each.morph for each in loaded]
+    dim = one_dimension(loaded)
     settings.check(morphs)
-    photographers = [Photographer(morph) for morph in morphs]
+    makers = [PictureMaker(morph) for morph in morphs]
     with whole_file(path) as temporary:
         server = open_server("127.0.0.1", None)
         try:
-            stage = Stage(server, [subject.name for subject in subjects], [Extent.of(morph) for morph in morphs], dim)
+            scene = Scene(server, [each.name for each in loaded], [Extent.of(morph) for morph in morphs], dim)
             captions: list[dict[int, str]] = []
             for number, instant in enumerate(times):
                 captions.append({})
-                for morph, photographer in enumerate(photographers):
-                    surface = photographer.surface(instant, settings)
-                    stage.add(Key(morph, number, settings), photographer.picture(surface, instant, settings).glb)
+                for morph, maker in enumerate(makers):
+                    surface = maker.surface(instant, settings)
+                    scene.add(Key(morph, number, settings), maker.picture(surface, instant, settings).glb)
                     captions[-1][morph] = caption(instant, surface)
                     yield number * len(morphs) + morph + 1
             recorder = server.get_scene_serializer()
             for number in [*range(len(times)), *reversed(range(len(times) - 1))]:
-                stage.show({morph: Key(morph, number, settings) for morph in range(len(morphs))}, captions[number])
+                scene.show({morph: Key(morph, number, settings) for morph in range(len(morphs))}, captions[number])
                 recorder.insert_sleep(seconds / (len(times) - 1))
             temporary.write_text(recorder.as_html(), encoding="utf-8")
         finally:

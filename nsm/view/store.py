@@ -1,15 +1,15 @@
-"""The pictures that are held, and which is to be made next."""
+"""Cache of pictures with bounded memory, which also decides what to compute next."""
 
 from __future__ import annotations
 
 import threading
 from typing import NamedTuple
 
-from nsm.view.frames import Picture, Settings, Surface
+from nsm.view.pictures import Picture, Settings, Surface
 
 
 class Key(NamedTuple):
-    """Which picture: number of the morph, number of the time, settings."""
+    """Identity of a picture: index of the morph, index of the time, settings."""
 
     morph: int
     time: int
@@ -17,17 +17,17 @@ class Key(NamedTuple):
 
 
 class Store:
-    """Pictures within a bound of memory, those nearest to the wanted time first; for any number of threads.
+    """Thread-safe cache of pictures, nearest to the wanted time first.
 
-    What is wanted now ranks before what is near it in time, and both before pictures with other settings, the latest
-    of which rank first. Pictures are made and kept in this order, as many as the memory holds; those on show, and
-    those of the wanted time, are kept in any case.
+    Pictures of the wanted time rank first, then those near it in time, then those with other settings, the most recent
+    settings first. Pictures are computed and kept in this order, as many as fit in memory; those that are visible and
+    those of the wanted time are always kept.
 
     Args:
-        morphs: how many morphs there are.
-        times: how many times.
-        settings: of the pictures that are wanted first.
-        limit: memory in bytes.
+        morphs: Number of morphs.
+        times: Number of times.
+        settings: Settings of the pictures that are wanted first.
+        limit: Memory in bytes.
     """
 
     def __init__(self, morphs: int, times: int, settings: Settings, limit: int) -> None:
@@ -40,37 +40,38 @@ class Store:
         self._closed = False
 
     def want(self, time: int | None = None, settings: Settings | None = None) -> None:
-        """Change the time, or the settings, that are wanted."""
+        """Change the wanted time, the wanted settings, or both."""
         with self._changed:
             self.time = self.time if time is None else time
             if settings is not None and settings != self.settings:
                 self.settings = settings
+                # moved to the end, so that they are dropped last once the settings change again
                 for key in [key for key in self._held if key.settings == settings]:
-                    self._held[key] = self._held.pop(key)  # the latest to be dropped once the settings change again
+                    self._held[key] = self._held.pop(key)
             self._changed.notify_all()
 
     def show(self, keys: set[Key]) -> None:
-        """Say which pictures are on show."""
+        """Set which pictures are visible."""
         with self._changed:
             self._shown = set(keys)
 
     def get(self, key: Key) -> Picture | None:
-        """A picture, None if it is not held."""
+        """Return a picture, None if it is not in the cache."""
         return self._held.get(key)
 
     def nearest(self, morph: int) -> Key | None:
-        """The held picture of a morph with the wanted settings, nearest to the wanted time; None if there is none."""
+        """Find the cached picture of a morph with the wanted settings that is nearest to the wanted time, if any."""
         with self._changed:
             ready = [key for key in self._held if key.morph == morph and key.settings == self.settings]
             return min(ready, key=lambda key: abs(key.time - self.time), default=None)
 
     def ready(self) -> list[Key]:
-        """All held pictures with the wanted settings."""
+        """List all cached pictures with the wanted settings."""
         with self._changed:
             return [key for key in self._held if key.settings == self.settings]
 
     def surface(self, key: Key) -> Surface | None:
-        """The surface of a picture, from a held one that differs in color only."""
+        """Find the surface of a picture in a cached one that differs only in color."""
         with self._changed:
             for other, picture in self._held.items():
                 if (other.morph, other.time, other.settings[:3]) == (key.morph, key.time, key.settings[:3]):
@@ -78,19 +79,19 @@ class Store:
             return None
 
     def next(self, timeout: float | None = None) -> Key | None:
-        """Wait for a picture that is to be made; None once the store is closed, or at the timeout."""
+        """Wait for a picture that must be computed; None once the cache is closed, or at the timeout."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._missing() is not None, timeout)
             return None if self._closed else self._missing()
 
     @property
     def complete(self) -> bool:
-        """Whether all pictures are made that are wanted and find room."""
+        """Whether all pictures that are wanted and fit in memory have been computed."""
         with self._changed:
             return self._missing() is None
 
     def put(self, key: Key, picture: Picture) -> list[Key]:
-        """Take a picture in; returns those that had to go for it."""
+        """Add a picture, and return the keys of those that were dropped for it."""
         with self._changed:
             self._held[key] = picture
             self.size += picture.size
@@ -104,13 +105,13 @@ class Store:
             return gone
 
     def close(self) -> None:
-        """Let all who wait go."""
+        """Release all threads that wait for work."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
     def _rank(self, key: Key) -> tuple[int, int, int]:
-        """The smaller, the sooner it is made and the later it is dropped."""
+        """Rank of a picture: the smallest is computed first and dropped last."""
         if key.settings != self.settings:
             return 1, -list(self._held).index(key), 0
         return 0, abs(key.time - self.time), key.morph

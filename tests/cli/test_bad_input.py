@@ -55,7 +55,7 @@ def test_a_mesh_that_is_empty_or_cut(
 
 def test_shapes_of_two_dimensions(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     sentence = refused(capsys, folder, "shape@source=disk", "shape@target=ball")
-    assert sentence == "the source is 2D and the target 3D: name two shapes of the same dimension"
+    assert "must have the dimension of the source, 2D, got a shape in 3D. Try `shape@target=square`." in sentence
 
 
 @pytest.mark.parametrize("override", ["source.radius=0", "source.radius=-1"])
@@ -127,7 +127,7 @@ def test_a_value_that_makes_no_sense(
 def test_a_fit_that_collapses(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     assert train_here(*BARE, "sdf.loss.terms.eikonal.weight=inf", f"hydra.run.dir={folder}") == 2
     said = capsys.readouterr().err
-    assert "nsm: no network could be fitted to the ball (the loss eikonal is not finite at step 0): lower" in said
+    assert "nsm: The fit of a network to the ball must succeed, got two failures (the loss eikonal" in said
     assert "Traceback" not in said
     assert not files(folder)
 

@@ -12,8 +12,8 @@ from problems import MOTIONS
 from pxr import Usd, UsdGeom
 
 from nsm.cli.errors import InputError
-from nsm.export.usd import RATE, SUFFIXES, write_usd_carried, write_usd_frames
-from nsm.io.moving import linear_rgb
+from nsm.export.usd import RATE, SUFFIXES, write_usd_advected, write_usd_frames
+from nsm.io.palette import linear_from_srgb
 from nsm.morphs.surfaces import Frame, extract_frame
 from nsm.shapes.textured import Attributes
 from nsm.types import SimplexMesh
@@ -74,7 +74,7 @@ def test_of_a_carried_mesh_only_points_vary(tmp_path: Path, frames: list[Frame])
     ]
     count = len(first.mesh.vertices)
     look = Attributes(colors=torch.rand(count, 3), uv=torch.rand(count, 2))
-    write_usd_carried(tmp_path / "m.usdc", moved, 2.0, look)
+    write_usd_advected(tmp_path / "m.usdc", moved, 2.0, look)
     mesh = read(tmp_path / "m.usdc")
     assert mesh.GetFaceVertexIndicesAttr().GetTimeSamples() == []
     assert mesh.GetPointsAttr().GetTimeSamples() == pytest.approx(CODES)
@@ -84,7 +84,7 @@ def test_of_a_carried_mesh_only_points_vary(tmp_path: Path, frames: list[Frame])
     primvars = UsdGeom.PrimvarsAPI(mesh)
     colors, places = primvars.GetPrimvar("displayColor"), primvars.GetPrimvar("st")
     assert colors.GetInterpolation() == places.GetInterpolation() == "vertex"
-    assert np.array(colors.Get()) == pytest.approx(linear_rgb(look.colors).numpy(), abs=1e-6)
+    assert np.array(colors.Get()) == pytest.approx(linear_from_srgb(look.colors).numpy(), abs=1e-6)
     assert np.array(places.Get()) == pytest.approx(look.uv.numpy(), abs=1e-6)
 
 
@@ -97,9 +97,9 @@ def test_a_time_without_a_surface_is_empty(tmp_path: Path, frames: list[Frame]) 
 
 
 def test_what_cannot_be_written_is_said(tmp_path: Path, frames: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match=r"let it end in \.usdc or \.usda or \.usdz"):
+    with pytest.raises(InputError, match=r"must end in \.usdc or \.usda or \.usdz"):
         write_usd_frames(tmp_path / "m.xyz", frames, 1.0)
-    with pytest.raises(InputError, match="give times that increase"):
+    with pytest.raises(InputError, match="`times` must be a list of increasing numbers"):
         write_usd_frames(tmp_path / "m.usdc", frames[::-1], 1.0)
     monkeypatch.setitem(sys.modules, "pxr", None)
     with pytest.raises(InputError, match=r"needs `pxr`, .* Try `pip install 'nsm\[usd\]'`\.$"):

@@ -19,8 +19,9 @@ from pygltflib import GLTF2
 from nsm.cli.errors import InputError
 from nsm.geometry.advection import advect
 from nsm.geometry.topology import enclosed_volume
-from nsm.io.gltf import write_glb_carried, write_glb_frames
-from nsm.io.moving import is_closed, linear_rgb, playing_times
+from nsm.io.gltf import write_glb_advected, write_glb_frames
+from nsm.io.moving import is_closed, playing_times
+from nsm.io.palette import linear_from_srgb
 from nsm.morphs.surfaces import Frame, extract_frame
 from nsm.shapes.textured import Attributes
 from nsm.types import SimplexMesh
@@ -34,8 +35,8 @@ def require_valid(path: Path) -> dict:
     """The validator's report, after it has said that the file is right; without the validator the test is skipped."""
     if shutil.which("node") is None or not (VALIDATOR / "node_modules" / "gltf-validator").is_dir():
         if os.environ.get("CI") == "true":
-            pytest.fail("needs node, and npm ci in tests/gltf")
-        pytest.skip("needs node, and npm ci in tests/gltf")
+            pytest.fail("needs node, and npm ci in tests/io/validator")
+        pytest.skip("needs node, and npm ci in tests/io/validator")
     command = ["node", str(VALIDATOR / "validate.js"), str(path)]
     report = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     assert (report["issues"]["numErrors"], report["issues"]["numWarnings"]) == (0, 0), report["issues"]["messages"]
@@ -65,8 +66,8 @@ def values(gltf: GLTF2, number: int) -> np.ndarray:
     """The content of an accessor."""
     accessor = gltf.accessors[number]
     view = gltf.bufferViews[accessor.bufferView]
-    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type]
-    kind = {5126: "<f4", 5125: "<u4"}[accessor.componentType]
+    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[accessor.type]
+    kind = {5126: "<f4", 5125: "<u4", 5123: "<u2"}[accessor.componentType]
     array = np.frombuffer(gltf.binary_blob(), kind, accessor.count * width, view.byteOffset)
     return array.reshape(accessor.count, width)
 
@@ -103,7 +104,7 @@ def test_another_reader_finds_the_same_surfaces(tmp_path: Path, extracted: list[
 
 def test_a_carried_mesh_goes_through_its_frames(tmp_path: Path, carried: list[Frame]) -> None:
     colors = torch.rand(len(carried[0].mesh.vertices), 3)
-    write_glb_carried(tmp_path / "m.glb", carried, 3.0, Attributes(colors=colors))
+    write_glb_advected(tmp_path / "m.glb", carried, 3.0, Attributes(colors=colors))
     info = require_valid(tmp_path / "m.glb")
     assert info["hasMorphTargets"]
     assert info["drawCallCount"] == 1
@@ -119,7 +120,9 @@ def test_a_carried_mesh_goes_through_its_frames(tmp_path: Path, carried: list[Fr
             for weight, target in zip(weights[number], primitive.targets, strict=True):
                 blended = blended + weight * values(gltf, target[name])
             assert np.abs(blended - wanted.numpy()).max() < 1e-6
-    assert values(gltf, primitive.attributes.COLOR_0) == pytest.approx(linear_rgb(colors).numpy(), abs=1e-6)
+    stored = values(gltf, primitive.attributes.COLOR_0) / 65535
+    assert stored[:, :3] == pytest.approx(linear_from_srgb(colors).numpy(), abs=0.51 / 65535)
+    assert (stored[:, 3] == 1).all()
     base = trimesh.load(tmp_path / "m.glb", process=False, force="mesh")
     assert np.abs(base.vertices - carried[0].mesh.vertices.numpy()).max() < 1e-6
 
@@ -127,7 +130,7 @@ def test_a_carried_mesh_goes_through_its_frames(tmp_path: Path, carried: list[Fr
 def test_a_texture_travels_inside(tmp_path: Path, carried: list[Frame]) -> None:
     uv = torch.rand(len(carried[0].mesh.vertices), 2)
     picture = Image.new("RGB", (4, 4), "red")
-    write_glb_carried(tmp_path / "m.glb", carried, 3.0, Attributes(uv=uv, texture=picture))
+    write_glb_advected(tmp_path / "m.glb", carried, 3.0, Attributes(uv=uv, texture=picture))
     assert require_valid(tmp_path / "m.glb")["hasTextures"]
     mesh = trimesh.load(tmp_path / "m.glb", process=False, force="mesh")
     assert np.abs(mesh.visual.uv - uv.numpy()).max() < 1e-6
@@ -154,12 +157,12 @@ def test_frames_without_a_surface_or_a_slope_are_valid_too(tmp_path: Path, extra
     assert require_valid(tmp_path / "m.glb")["drawCallCount"] == 2
     write_glb_frames(tmp_path / "one.glb", extracted[:1], 1.0)
     assert require_valid(tmp_path / "one.glb")["animationCount"] == 0
-    write_glb_carried(tmp_path / "still.glb", extracted[:1], 1.0, Attributes())
+    write_glb_advected(tmp_path / "still.glb", extracted[:1], 1.0, Attributes())
     assert require_valid(tmp_path / "still.glb")["animationCount"] == 0
 
 
 def test_times_must_increase(tmp_path: Path, extracted: list[Frame]) -> None:
-    with pytest.raises(InputError, match="give times that increase"):
+    with pytest.raises(InputError, match="`times` must be a list of increasing numbers"):
         write_glb_frames(tmp_path / "m.glb", reversed(extracted), 1.0)
     assert not list(tmp_path.iterdir())
     assert playing_times([0.5], 3.0).tolist() == [0.0]

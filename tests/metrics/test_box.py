@@ -9,7 +9,6 @@ import torch
 from analytic import run_here, save, shrinking
 
 from nsm.export import __main__ as export
-from nsm.export.networks import description
 from nsm.io.checkpoint import load_morph
 from nsm.metrics import Protocol, evaluate_morph, volume_curve
 from nsm.morphs.growth import Grown, VolumeLinear
@@ -33,7 +32,7 @@ def test_a_checkpoint_keeps_the_box_and_volumes_do_not_depend_on_it(file: Path, 
     torch.testing.assert_close(morph.bounds, torch.tensor(BOX[dim]))
     curves = [volume_curve(m, torch.tensor([0.0, 1.0]), 64).volumes for m in (morph, shrinking(dim, 0.1))]
     torch.testing.assert_close(curves[0], curves[1], rtol=1e-3, atol=0)
-    assert description(morph)["bounds"] == morph.bounds.tolist()
+    assert morph.networks().description["bounds"] == morph.bounds.tolist()
     grown = Grown(morph, VolumeLinear(dim, source=1.0, target=2.0))
     volumes = volume_curve(grown, torch.tensor([0.0, 1.0]), 64).volumes
     assert float(volumes[1] / volumes[0]) == pytest.approx(2 * float(curves[0][1] / curves[0][0]), rel=1e-2)

@@ -10,7 +10,7 @@ from problems import growing_ball, rotating_box, squashed_ball, squashed_box, tr
 from nsm.cli.errors import InputError
 from nsm.morphs.advected import carry_surface
 from nsm.morphs.surfaces import extract_frame
-from nsm.plots.colors import RESIDUALS, carried_colors, palette, position_colors, residual_colors, surface_bounds
+from nsm.plots.colors import RESIDUALS, advected_colors, colormap, position_colors, residual_colors, surface_bounds
 
 BOX = {dim: torch.tensor([[-1.0] * dim, [1.0] * dim]) for dim in (2, 3)}
 
@@ -26,12 +26,12 @@ def grid(dim: int, count: int = 9) -> torch.Tensor:
     return torch.cartesian_prod(*[torch.linspace(-1, 1, count)] * dim)
 
 
-def test_the_palette_grows_lighter_and_clamps() -> None:
-    colors = palette(torch.linspace(0, 1, 50))
+def test_the_colormap_grows_lighter_and_clamps() -> None:
+    colors = colormap(torch.linspace(0, 1, 50))
     assert colors.shape == (50, 3)
     assert 0 <= float(colors.min()) <= float(colors.max()) <= 1
     assert bool((luminance(colors).diff() > 0).all())
-    assert torch.equal(palette(torch.tensor([-1.0, 2.0])), palette(torch.tensor([0.0, 1.0])))
+    assert torch.equal(colormap(torch.tensor([-1.0, 2.0])), colormap(torch.tensor([0.0, 1.0])))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -67,39 +67,39 @@ def test_points_keep_the_colors_of_where_they_came_from(motion: type, dim: int) 
     carried = carry_surface(morph, [0.0, 0.4, 1.0], 16)
     expected = position_colors(carried.vertices[0], surface_bounds(morph, 0.0))
     for points, time in zip(carried.vertices, carried.times, strict=True):
-        assert float((carried_colors(morph, points, time) - expected).abs().max()) < 1e-3
+        assert float((advected_colors(morph, points, time) - expected).abs().max()) < 1e-3
 
 
 @pytest.mark.parametrize("what", RESIDUALS)
 @pytest.mark.parametrize("motion", [growing_ball, rotating_box])
-def test_an_exact_distance_that_is_carried_has_the_color_of_no_error(motion: type, what: str) -> None:
+def test_an_exact_distance_that_is_advected_has_the_color_of_no_error(motion: type, what: str) -> None:
     morph = motion(3)
     points = torch.rand(50, 3, dtype=torch.float64) - 0.5
     points = points[morph(points, 0.5).abs() > 0.02]  # off the ridges that lie inside a box
     points = points[morph(points, 0.5) > 0]
-    nothing = palette(torch.zeros(len(points), dtype=torch.float64))
+    nothing = colormap(torch.zeros(len(points), dtype=torch.float64))
     assert float((residual_colors(morph, points, 0.5, what) - nothing).abs().max()) < 0.02
 
 
-def test_a_residual_has_its_place_on_the_palette() -> None:
+def test_a_residual_has_its_place_on_the_colormap() -> None:
     morph = squashed_ball(3)  # carried exactly, but no distance
     points = extract_frame(morph, 1.0, 12).mesh.vertices
     size = (morph.gradient(points, 1.0).norm(dim=1) - 1).abs()
     assert float(size.max()) > 0.1
-    assert torch.equal(residual_colors(morph, points, 1.0, "eikonal", scale=0.3), palette(size / 0.3))
+    assert torch.equal(residual_colors(morph, points, 1.0, "eikonal", scale=0.3), colormap(size / 0.3))
     still = residual_colors(morph, points, 1.0, "level_set")
-    assert float((still - palette(torch.zeros_like(size))).abs().max()) < 0.02
+    assert float((still - colormap(torch.zeros_like(size))).abs().max()) < 0.02
 
 
 def test_what_cannot_be_colored_is_said_in_one_sentence() -> None:
     points = torch.zeros(1, 3)
     morph = shrinking(3, 0.1)
     with pytest.raises(InputError, match="has no velocity"):
-        carried_colors(morph, points, 0.5)
-    with pytest.raises(InputError, match="has no velocity"):
+        advected_colors(morph, points, 0.5)
+    with pytest.raises(InputError, match="needs a morph with a velocity"):
         residual_colors(morph, points, 0.5, "level_set")
     assert residual_colors(morph, points + 0.3, 0.5, "eikonal").shape == (1, 3)
-    with pytest.raises(InputError, match="speed is no residual"):
+    with pytest.raises(InputError, match="`what` must be one of level_set, eikonal, got speed"):
         residual_colors(squashed_ball(3), points.double(), 0.5, "speed")
-    with pytest.raises(InputError, match="scale=0"):
+    with pytest.raises(InputError, match="`scale` must be positive and finite, got 0"):
         residual_colors(squashed_ball(3), points.double(), 0.5, "eikonal", scale=0)

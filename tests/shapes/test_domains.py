@@ -19,7 +19,7 @@ from nsm.fields import ScalarSiren
 from nsm.io.build import build
 from nsm.shapes import Ball, MeshFile, MeshShape, PointCloud, Similarity, SirenFile, SirenShape
 from nsm.train.tasks import prepare_ends, starting_network
-from nsm.train.tasks.fit import SdfFit, realise
+from nsm.train.tasks.fit import SdfFit, realize
 
 #: Meshes need no fit.
 NO_FIT = mock.Mock(spec=SdfFit, side_effect=AssertionError)
@@ -209,7 +209,7 @@ class TestMesh:
     def test_a_mesh_end_is_the_mesh_itself(self, tmp_path: Path) -> None:
         shape = MeshFile(ellipsoid(tmp_path / "a.obj"))
         fit = mock.Mock(spec=SdfFit)
-        assert realise(shape, fit) is shape
+        assert realize(shape, fit) is shape
         fit.assert_not_called()
 
 
@@ -233,7 +233,7 @@ class TestStart:
         cloud = PointCloud(str(tmp_path / "a.xyz"), fit=None)
         assert cloud.volume() == pytest.approx(4 / 3 * math.pi * 20**3, rel=0.05)
         fit = mock.Mock(spec=SdfFit, side_effect=lambda shape: Ball(0.9))
-        field = realise(cloud, fit)
+        field = realize(cloud, fit)
         torch.testing.assert_close(fit.call_args.args[0].bounds(), torch.tensor([[-0.9] * 3, [0.9] * 3]))
         torch.testing.assert_close(field.bounds(), torch.tensor([[980.0] * 3, [1020.0] * 3]), rtol=1e-4, atol=0)
 

@@ -206,7 +206,7 @@ def test_a_shape_that_no_grid_resolves_leaves_a_finite_error_and_a_sentence(capl
     morph = NeuralMorph(Sliding(sides, 0.31), None, Box(sides, [0.0, 0.0]), Box(sides, [0.0, 0.31]))
     with caplog.at_level(logging.WARNING):
         found = validated(morph)
-    assert "an end shape is so thin that" in caplog.text
+    assert "An end shape is so thin that" in caplog.text
     assert all(math.isfinite(value) for value in (found.drift, found.volume_std, found.morph_to_shape))
 
 

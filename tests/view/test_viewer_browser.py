@@ -15,8 +15,8 @@ from analytic import shrinking
 from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, sync_playwright
 
 from nsm.io.loading import LoadedMorph
-from nsm.view.frames import Settings
 from nsm.view.page import Viewer
+from nsm.view.pictures import Settings
 from nsm.view.recording import record
 
 SETTINGS = Settings(resolution=12)
@@ -92,13 +92,13 @@ def artefacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def subjects(count: int, dim: int = 3) -> list[LoadedMorph]:
+def loaded_morphs(count: int, dim: int = 3) -> list[LoadedMorph]:
     return [LoadedMorph(f"ball {n}", "", shrinking(dim, 0.3 + 0.1 * n), None) for n in range(count)]
 
 
 @pytest.fixture(scope="module")
 def viewer() -> Iterator[Viewer]:
-    viewer = Viewer(subjects(2), SETTINGS, TIMES, seconds=2.0)
+    viewer = Viewer(loaded_morphs(2), SETTINGS, TIMES, seconds=2.0)
     yield viewer
     viewer.close()
 
@@ -106,7 +106,7 @@ def viewer() -> Iterator[Viewer]:
 @pytest.fixture(scope="module")
 def page(viewer: Viewer, open_page: Callable[..., Page]) -> Page:
     page = open_page(viewer.url)
-    page.get_by_text("all 10 frames are ready").wait_for()
+    page.get_by_text("all 10 surfaces are ready").wait_for()
     return page
 
 
@@ -140,7 +140,7 @@ def test_the_slider_changes_the_surfaces_and_their_volumes(page: Page, artefacts
     volumes = [float(text) for text in figures(page, "volume")]
     assert len(volumes) == 2
     assert figures(page, "deviation") == ["+0.00 %", "+0.00 %"]
-    assert figures(page, "pieces") == ["1", "1"]
+    assert figures(page, "components") == ["1", "1"]
 
     page.get_by_role("slider").first.press("End")
     page.wait_for_function("() => !document.body.innerText.includes('+0.00 %')")
@@ -160,7 +160,7 @@ def test_play_moves_time_for_everybody_who_looks(viewer: Viewer, page: Page, ope
 
 
 def test_a_flat_morph_is_filled_and_takes_colors(open_page: Callable[..., Page], artefacts: Path) -> None:
-    viewer = Viewer(subjects(1, dim=2), SETTINGS, TIMES)
+    viewer = Viewer(loaded_morphs(1, dim=2), SETTINGS, TIMES)
     try:
         page = open_page(viewer.url)
         settled(page, artefacts / "flat.png", lambda image: colored(image) > 1000)
@@ -173,7 +173,7 @@ def test_a_flat_morph_is_filled_and_takes_colors(open_page: Callable[..., Page],
 
 
 def test_a_recording_plays_from_the_file_alone(open_page: Callable[..., Page], artefacts: Path, tmp_path: Path) -> None:
-    for _ in record(tmp_path / "morph.html", subjects(2), SETTINGS, TIMES, seconds=2.0):
+    for _ in record(tmp_path / "morph.html", loaded_morphs(2), SETTINGS, TIMES, seconds=2.0):
         pass
     page = open_page((tmp_path / "morph.html").as_uri())
     seen: list[int] = []

@@ -1,4 +1,4 @@
-"""What happens around training: curves, meshes, pictures, checkpoints, progress."""
+"""Callbacks of training: checkpoints, volume curves, meshes, pictures, progress, and signals."""
 
 from nsm.train.callbacks.checkpoints import Checkpoints
 from nsm.train.callbacks.csv_log import CsvLog
@@ -9,12 +9,14 @@ from nsm.train.callbacks.step_times import StepTimes, Unvalidated
 from nsm.train.callbacks.strip import Strip
 from nsm.train.callbacks.tensorboard import TensorBoardLog
 from nsm.train.callbacks.volume_curve import VolumeCurveLog
+from nsm.train.callbacks.writer import MorphWriter
 
 __all__ = [
     "Checkpoints",
     "CsvLog",
     "ExitOnSignal",
     "MeshSnapshots",
+    "MorphWriter",
     "Progress",
     "StepTimes",
     "StopOnSignal",

@@ -1,4 +1,4 @@
-"""Checkpoints: the last, to go on from, and the best, to use."""
+"""Checkpoints: the last one to resume from, and the best one to use."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from nsm.types import Morph
 class Checkpoints(ModelCheckpoint):
     """Writes ``last.ckpt`` at every validation and at the end, and ``best.ckpt`` whenever ``val/error`` is lowest.
 
-    ``val/error`` is measured on fixed points and on the surface at all times (`nsm.train.tasks.MorphTask`), so the best
-    checkpoint is not that of a lucky batch. It is the one that everything uses: the meshes and the strip at the end of
-    training, ``summary.json``, `nsm.load_morph` and with it all commands.
+    ``val/error`` is measured on fixed points and on the surface at all times (`nsm.train.tasks.MorphTask`), so that the
+    choice does not depend on a random batch. All results use the best checkpoint: the meshes and the strip at the end
+    of training, ``summary.json``, `nsm.load_morph`, and all commands.
 
     Args:
-        folder: where they go.
+        folder: Folder of the checkpoints.
 
     Attributes:
         best_step: Step of ``best.ckpt``; None before the first validation.
-        best_figures: What the validation of that step measured, by the names of the log.
+        best_figures: Figures of the validation at that step, by the names in the log.
     """
 
     best_step: int | None = None
@@ -44,7 +44,7 @@ class Checkpoints(ModelCheckpoint):
         self.best_figures = {}
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Keep this step, and look whether it is the best."""
+        """Write this step, also as the best one if it is."""
         before = self.best_model_score
         super().on_validation_end(trainer, pl_module)
         if trainer.state.fn == TrainerFn.FITTING and not trainer.sanity_checking:
@@ -55,37 +55,37 @@ class Checkpoints(ModelCheckpoint):
             self._keep_last(trainer)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Keep the last step, also where it lies between two validations."""
+        """Write the last step, even if it lies between two validations."""
         super().on_train_end(trainer, pl_module)
         self._keep_last(trainer)
 
     def state_dict(self) -> dict[str, Any]:
-        """The state with the best step, so that a resumed run knows it."""
+        """Return the state with the best step, which a resumed run needs."""
         return super().state_dict() | {"best_step": self.best_step, "best_figures": self.best_figures}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take over the best step of a run that was stopped."""
+        """Restore the best step of a run that was stopped."""
         super().load_state_dict(state_dict)
         self.best_step, self.best_figures = state_dict["best_step"], dict(state_dict["best_figures"])
 
     def _keep_last(self, trainer: L.Trainer) -> None:
-        # Lightning's own save_last writes only when the best has changed too
+        # Lightning's save_last writes only when the best checkpoint has changed too
         trainer.save_checkpoint(Path(self.dirpath or ".") / "last.ckpt", weights_only=False)
 
 
 class Best(NamedTuple):
-    """The morph that a run ends with: that of ``best.ckpt``, as it is loaded from there, and its step."""
+    """The morph that a run ends with, as loaded from ``best.ckpt``, and its step."""
 
     morph: Morph
     step: int
 
 
 def best_morph(trainer: L.Trainer, current: Morph) -> Best:
-    """The best morph so far; the one in training if the run keeps no checkpoints.
+    """Load the best morph so far, or return the one in training if the run keeps no checkpoints.
 
     Args:
-        trainer: Of the run.
-        current: The morph in training.
+        trainer: Trainer of the run.
+        current: Morph in training.
     """
     checkpoints = trainer.checkpoint_callback
     if not isinstance(checkpoints, Checkpoints) or checkpoints.best_step is None:

@@ -1,4 +1,4 @@
-"""Figures of training as a table."""
+"""Losses and figures of validation as a table."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lightning.pytorch.utilities.rank_zero import rank_zero_only
 
 
 class CsvLog(CSVLogger):
-    """Lightning's ``metrics.csv``, which training that goes on after a stop or a collapse continues.
+    """Writes Lightning's ``metrics.csv``, and continues it when training resumes after a stop or a collapse.
 
-    Rows of steps that are made again are replaced; Lightning itself deletes the file.
+    Rows of repeated steps are replaced. Lightning's own logger deletes the file.
     """
 
     _before: list[dict[str, Any]] = []  # noqa: RUF012 (never changed in place)
@@ -22,7 +22,7 @@ class CsvLog(CSVLogger):
     @property
     @rank_zero_experiment
     def experiment(self) -> Any:
-        """The writer of the file."""
+        """Writer of the file."""
         if self._experiment is None:
             file = Path(self.log_dir) / "metrics.csv"
             if file.is_file():
@@ -32,14 +32,14 @@ class CsvLog(CSVLogger):
 
     @rank_zero_only
     def log_metrics(self, metrics: Any, step: int | None = None) -> None:
-        """Add a row; before the first one, those of earlier steps."""
+        """Add a row, after those of earlier steps if it is the first."""
         if step is not None:
             self._keep_before(step)
         super().log_metrics(metrics, step)
 
     @rank_zero_only
     def finalize(self, status: str) -> None:
-        """Write what is left, also where nothing was logged."""
+        """Write all remaining rows, even if nothing was logged."""
         self._keep_before(None)
         super().finalize(status)
 

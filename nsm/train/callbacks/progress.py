@@ -8,15 +8,8 @@ import lightning as L
 from lightning.pytorch.callbacks import ProgressBar
 
 from nsm.cli import progress
+from nsm.train.summary import shown_figures
 from nsm.train.tasks import FieldTask
-
-#: Figures of validation that are shown, under which name, and how.
-_FIGURES = {
-    "val/error": "error {:.2g}",
-    "val/volume_max": "volume ±{:.2%}",
-    "val/components": "components {:.0f}",
-    "val/normal": "normals {:.1f}°",
-}
 
 
 class Progress(ProgressBar):
@@ -59,9 +52,8 @@ class Progress(ProgressBar):
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Note the figures of this validation."""
-        measured = trainer.callback_metrics
-        known = [text.format(float(measured[name])) for name, text in _FIGURES.items() if name in measured]
-        self._validation = f", at step {trainer.global_step} " + ", ".join(known)
+        figures = {name: float(value) for name, value in trainer.callback_metrics.items()}
+        self._validation = f", at step {trainer.global_step} {', '.join(shown_figures(figures))}"
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Finish the bar."""

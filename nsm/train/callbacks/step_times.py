@@ -1,4 +1,4 @@
-"""How long training takes, and one step of it."""
+"""Duration of training and of one step."""
 
 from __future__ import annotations
 
@@ -11,34 +11,33 @@ import lightning as L
 
 from nsm.cli.files import whole_file
 
-#: Steps at the start of training that are not counted: caches, memory and preconditioners are still being set up.
+#: Steps at the start of training that are not counted, while caches, memory, and preconditioners are set up.
 WARM_UP = 10
 
 
 class StepTimes(L.Callback):
-    """Writes ``step_times.json``: seconds of training, resumed ones added up, and of one step.
+    """Writes ``step_times.json``: seconds of training, summed over resumed runs, and seconds per step.
 
-    A step is counted from the end of one to the end of the next, so that drawing points is part of it and validation
-    is not.
+    A step lasts from the end of the previous one to its own end, which includes drawing points but no validation.
 
     Args:
-        folder: where the file goes.
+        folder: Folder of the file.
     """
 
     def __init__(self, folder: str) -> None:
         self.file = Path(folder) / "step_times.json"
-        #: Of the sessions before this one.
+        #: Seconds of training before this run was resumed.
         self.before = 0.0
         self.steps: list[float] = []
         self._begin: float | None = None
         self._last = 0.0
 
     def state_dict(self) -> dict[str, Any]:
-        """The seconds of training up to now, which a resumed run goes on from."""
+        """Return the seconds of training so far, which a resumed run adds to."""
         return {"seconds": self._seconds()}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take over the seconds of a run that was stopped."""
+        """Restore the seconds of a run that was stopped."""
         self.before = float(state_dict["seconds"])
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
@@ -48,13 +47,13 @@ class StepTimes(L.Callback):
     def on_train_batch_end(
         self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Note one step."""
+        """Record one step."""
         now = time.perf_counter()
         self.steps.append(now - self._last)
         self._last = now
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Go on from here: what a validation took belongs to no step."""
+        """Restart the clock, since validation belongs to no step."""
         self._last = time.perf_counter()
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
@@ -74,8 +73,8 @@ class StepTimes(L.Callback):
 
 
 class Unvalidated(L.Callback):
-    """Leaves out every validation of the training that it is given to."""
+    """Skips all validations."""
 
     def setup(self, trainer: L.Trainer, pl_module: L.LightningModule, stage: str) -> None:
-        """Tell the trainer."""
+        """Limit the trainer to no validation batches."""
         trainer.limit_val_batches = 0

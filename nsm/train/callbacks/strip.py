@@ -1,4 +1,4 @@
-"""A picture of the best morph when training is done."""
+"""Picture of the best morph at the end of training."""
 
 from __future__ import annotations
 
@@ -7,30 +7,39 @@ from pathlib import Path
 
 import lightning as L
 
+from nsm.metrics import VolumeCurve
 from nsm.plots.strip import try_strip
 from nsm.train.callbacks.checkpoints import best_morph
 from nsm.train.callbacks.volume_curve import log_picture
+from nsm.train.callbacks.writer import MorphWriter
+from nsm.train.tasks import MorphTask
+from nsm.types import Morph
 
 
-class Strip(L.Callback):
+class Strip(MorphWriter):
     """Writes ``strip.png``, the morph of ``best.ckpt`` at some times, at the end of training.
 
-    A warning says why where it cannot be drawn.
+    Where it cannot be drawn, a warning says why.
 
     Args:
-        folder: where it goes.
-        times: of the columns.
-        size: pixels along an edge of one picture.
+        folder: Folder of the picture.
+        times: Times of the columns, in [0, 1].
+        size: Pixels along an edge of one picture.
     """
 
     def __init__(self, folder: str, times: Sequence[float], size: int = 400) -> None:
         self.file = Path(folder) / "strip.png"
         self.times, self.size = tuple(times), size
 
+    def write(self, morph: Morph, curve: VolumeCurve, label: str) -> None:
+        self._draw(morph)
+
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Draw the strip."""
-        morph = getattr(pl_module, "morph", None)
-        if morph is None or not trainer.is_global_zero or trainer.global_step < trainer.max_steps:
+        """Draw the strip of the best step."""
+        if not isinstance(pl_module, MorphTask) or not trainer.is_global_zero:
             return
-        if try_strip(self.file, best_morph(trainer, morph).morph, self.times, size=self.size):
+        if trainer.global_step >= trainer.max_steps and self._draw(best_morph(trainer, pl_module.morph).morph):
             log_picture(trainer, "strip", self.file)
+
+    def _draw(self, morph: Morph) -> bool:
+        return try_strip(self.file, morph, self.times, size=self.size)

@@ -1,4 +1,4 @@
-"""Training: a still shape, or a morph."""
+"""Training tasks: the signed distance of a shape, or a morph."""
 
 from nsm.train.tasks.base import Collapse, FieldTask
 from nsm.train.tasks.data import FieldData

@@ -1,4 +1,4 @@
-"""What the training tasks share: one loss, one optimiser, one schedule."""
+"""Base of the training tasks: one loss, one optimizer, one schedule."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from nsm.sampling import Batch
 
 
 class Collapse(RuntimeError):
-    """Training went astray: a loss is no longer finite, or the shape has vanished."""
+    """Failure of training: a loss is no longer finite, or the surface has vanished."""
 
 
 class FieldTask(L.LightningModule):
-    """Minimises a weighted sum of terms over batches of points.
+    """Minimizes a weighted sum of terms over batches of points.
 
     Args:
-        loss: the terms.
-        optimizer: makes the optimiser, called with the parameters.
-        scheduler: makes the schedule, called with the optimiser and ``total_steps``.
+        loss: Weighted terms.
+        optimizer: Factory of the optimizer, called with the parameters.
+        scheduler: Factory of the schedule, called with the optimizer and ``total_steps``.
     """
 
     def __init__(
@@ -37,22 +37,22 @@ class FieldTask(L.LightningModule):
     ) -> None:
         super().__init__()
         self.loss, self.optimizer, self.scheduler = loss, optimizer, scheduler
-        #: Lowered after a collapse; multiplies every learning rate from the step where training goes on.
+        #: Factor of every learning rate; lowered after a collapse.
         self.step_scale = 1.0
-        #: The loss and its terms at the last step, under the names by which they are logged.
+        #: The loss and its terms at the last step, by the names in the log.
         self.latest: dict[str, Tensor] = {}
         #: Entry that makes a checkpoint describe itself (`nsm.io.checkpoint.describe`).
         self.description: dict[str, Any] = {}
 
     def evaluation(self, batch: Batch) -> BatchEvaluation:
-        """The networks at the points of a batch."""
+        """Evaluate the networks at the points of a batch."""
         raise NotImplementedError
 
     def learn_from(self, evaluation: BatchEvaluation) -> None:
-        """Take from an evaluation what the next batch needs; nothing by default."""
+        """Keep what the next batch needs from an evaluation; nothing by default."""
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
-        """One loss; it and its terms are kept in ``latest``."""
+        """Compute the loss, and keep it and its terms in ``latest``."""
         evaluation = self.evaluation(batch)
         total, terms = self.loss(evaluation)
         if not torch.isfinite(total):
@@ -63,9 +63,10 @@ class FieldTask(L.LightningModule):
         return total
 
     def on_train_batch_end(self, outputs: Any, batch: Batch, index: int) -> None:
-        """Log the terms where a row is written, and let the last step be validated, wherever it lies.
+        """Log the terms where a row is written, and stop at the last step, so that it is validated.
 
-        Lightning takes a noticeable part of a step to note values that it then writes every ``log_every_n_steps`` only.
+        Logging at every step would take a noticeable part of it, although Lightning writes a row only every
+        ``log_every_n_steps``.
         """
         if self.global_step >= self.trainer.max_steps:
             self.trainer.should_stop = True
@@ -74,17 +75,17 @@ class FieldTask(L.LightningModule):
             self.log_dict(self.latest)
 
     def configure_optimizers(self) -> Any:
-        """One optimiser for all parameters, so that one step moves every network at once."""
+        """Make one optimizer of all parameters, so that one step updates every network."""
         optimizer = self.optimizer([p for p in self.parameters() if p.requires_grad])
         schedule = self.scheduler(optimizer, total_steps=self.trainer.max_steps)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Let the checkpoint describe itself."""
+        """Add the description of the networks to the checkpoint."""
         checkpoint[ENTRY] = self.description
 
     def on_train_start(self) -> None:
-        """Apply a smaller step, where training goes on after a collapse."""
+        """Lower the learning rates, where training continues after a collapse."""
         for optimizer in self.trainer.optimizers:
             for group in optimizer.param_groups:
                 group["lr"] *= self.step_scale

@@ -11,7 +11,7 @@ from torch.utils.data import DataLoader, IterableDataset
 
 from nsm.sampling import Batch
 
-#: Validation draws from a stream of its own, far away from any rank of training.
+#: Rank from whose stream validation draws, far above any rank of training.
 _VALIDATION = 1 << 20
 
 
@@ -20,20 +20,20 @@ class Sampler(Protocol):
     """Draws one batch."""
 
     def draw(self, generator: torch.Generator) -> Batch:
-        """One batch; the same for a generator in the same state."""
+        """Draw one batch, which depends only on the state of the generator."""
         ...
 
 
 class FieldData(L.LightningDataModule):
-    """Feeds a task with fresh batches, and validates on one that never changes.
+    """Provides fresh batches for training, and one fixed batch for validation.
 
-    Training batch i depends on the seed, the rank and i alone, so a run that stops and resumes sees what it would
-    have seen, and every rank sees something else.
+    Training batch i depends on the seed, the rank, and i alone. A run that stops and resumes therefore sees the same
+    batches, and every rank sees different ones.
 
     Args:
-        sampler: draws training batches.
-        validation: draws the one batch that training is judged by.
-        seed: the seed of the run.
+        sampler: Sampler of training batches.
+        validation: Sampler of the batch for validation.
+        seed: Seed of the run.
     """
 
     def __init__(self, sampler: Sampler, validation: Sampler, seed: int = 0) -> None:
@@ -41,12 +41,12 @@ class FieldData(L.LightningDataModule):
         self.sampler, self.validation, self.seed = sampler, validation, seed
 
     def train_dataloader(self) -> DataLoader:
-        """The stream, from the step that training stands at."""
+        """Return the stream of batches from the current step."""
         assert self.trainer is not None
         return DataLoader(_Stream(self.sampler, self.seed, self.trainer), batch_size=None)
 
     def val_dataloader(self) -> DataLoader:
-        """One batch."""
+        """Return the batch for validation."""
         return DataLoader([self.validation.draw(_generator(self.seed, _VALIDATION, 0))], batch_size=None)  # type: ignore[arg-type]
 
 
@@ -62,6 +62,6 @@ class _Stream(IterableDataset):
 
 
 def _generator(seed: int, rank: int, step: int) -> torch.Generator:
-    """A generator for one batch; the three numbers are hashed so that neighbours have nothing in common."""
+    """Seed a generator for one batch by a hash, so that neighboring batches are unrelated."""
     key = hash((seed, rank, step)) & ((1 << 63) - 1)
     return torch.Generator().manual_seed(key)

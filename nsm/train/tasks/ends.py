@@ -1,4 +1,4 @@
-"""The two ends of a morph: fields of one dimension, placed together and, if wanted, of one volume."""
+"""Preparation of the end shapes: fields of the same dimension and volume, placed together in the box."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from typing import Any
 from nsm.cli.errors import InputError
 from nsm.fields import ScalarSiren
 from nsm.shapes import FieldShape, Shape, SirenShape, equal_volume, place_together
-from nsm.train.tasks.fit import SdfFit, realise
+from nsm.train.tasks.fit import SdfFit, realize
 
 
 @dataclass(frozen=True)
 class Ends:
-    """The end shapes as a morph takes them.
+    """End shapes of a morph.
 
     Attributes:
-        source, target: posed and scaled fields.
-        provenance: where each comes from with its similarity to the box, and the factor by which it was scaled to make
-            the volumes equal (1 for the smaller shape), as plain values.
+        source: Posed and scaled field at t = 0.
+        target: Posed and scaled field at t = 1.
+        provenance: Origin of each shape, its similarity to the box, and the factor by which it was scaled for equal
+            volumes (1 for the smaller shape), as plain values.
     """
 
     source: FieldShape
@@ -27,21 +28,23 @@ class Ends:
 
 
 def prepare_ends(source: Shape, target: Shape, fit: SdfFit, equal: bool = True) -> Ends:
-    """Fit networks where a shape is no field yet, make the volumes equal, and place both together in the box.
+    """Fit networks to shapes that are not fields yet, make the volumes equal, and place both together in the box.
 
     Args:
-        source, target: any shapes.
-        fit: makes networks of points.
-        equal: whether to make the volumes equal.
+        source: Shape at t = 0.
+        target: Shape at t = 1.
+        fit: Recipe that fits a network to a shape.
+        equal: Whether to make the volumes equal.
 
     Raises:
-        InputError: if the shapes differ in dimension.
+        InputError: If the dimensions differ.
     """
     if source.dim != target.dim:
         raise InputError(
-            f"the source is {source.dim}D and the target {target.dim}D: name two shapes of the same dimension"
+            f"`shape@target` must have the dimension of the source, {source.dim}D, got a shape in {target.dim}D. "
+            f"Try `shape@target={'torus' if source.dim == 3 else 'square'}`."
         )
-    fields = [realise(shape, fit) for shape in (source, target)]
+    fields = [realize(shape, fit) for shape in (source, target)]
     for field in fields:
         if isinstance(field, SirenShape):
             field.log_deviation()
@@ -58,17 +61,26 @@ def prepare_ends(source: Shape, target: Shape, fit: SdfFit, equal: bool = True) 
 
 
 def starting_network(field: ScalarSiren, source: FieldShape, fit: SdfFit) -> ScalarSiren:
-    """A network of the width and depth of f that is the source in all of the box that f is trained in.
+    """Return a network of the size of f that represents the source in the whole training box.
 
-    It is the source's own network where that was trained in all of the box, else one fitted to its true distances.
+    That is the network of the source itself if it was trained in the whole box, and otherwise one fitted to the true
+    distances of the source.
+
+    Args:
+        field: Network of f, whose size is required.
+        source: Shape at t = 0.
+        fit: Recipe that fits a network to a shape.
+
+    Raises:
+        InputError: If the recipe makes a network of another size.
     """
     if isinstance(source, SirenShape) and _size(source.network) == _size(field) and source.covers(fit.half_width):
         return source.folded()
     fitted = fit(source).folded()
     if _size(fitted) != _size(field):
         raise InputError(
-            f"init starts f from the source, but sdf.network has {_size(fitted)} hidden features and layers and "
-            f"network.field {_size(field)}: make them the same, or choose init=siren"
+            f"`sdf.network` must have the size of `network.field`, {_size(field)} hidden features and layers, got "
+            f"{_size(fitted)}. Try `init=siren`, which does not start f from the source."
         )
     return fitted
 

@@ -1,4 +1,4 @@
-"""From any shape to a network that is its signed distance, fitted once and remembered."""
+"""Fitting of networks to the signed distances of shapes, with a cache of finished fits."""
 
 from __future__ import annotations
 
@@ -29,28 +29,29 @@ from nsm.train.tasks.sdf import SdfTask
 
 log = logging.getLogger(__name__)
 
-#: Raised whenever fits in the cache are no longer those that would be made.
+#: Version of the fits; raise it whenever a change makes fits in the cache obsolete.
 _VERSION = 2
-#: Points by which validation judges a fit.
+#: Points on the surface at which validation measures a fit.
 _VALIDATION_POINTS = 8000
 
 
 class SdfFit:
-    """How a still shape becomes a network.
+    """Recipe that fits a network g to the signed distance of a shape.
 
     Args:
-        network: makes g, called with ``in_features``.
-        loss: the terms.
-        optimizer, scheduler: see `nsm.train.tasks.FieldTask`.
-        steps: optimiser steps.
-        size: points in a batch.
-        fractions: how they are divided.
-        pool: points on and around the shape whose targets are computed once.
-        half_width: g is fitted in the box [−h, h]^d, as f will start from it there.
-        tolerance: a fit has failed if its surface is farther than this from the shape on average.
-        seed: of the weights, the pools and the batches.
-        settings: all of the above as plain values; with the content of the shape, they name the fit in the cache.
-        trainer: makes the trainer of a fit that is needed on the way, called with ``max_steps``.
+        network: Factory of g, called with ``in_features``.
+        loss: Loss terms.
+        optimizer: Factory of the optimizer, see `nsm.train.tasks.FieldTask`.
+        scheduler: Factory of the schedule, see `nsm.train.tasks.FieldTask`.
+        steps: Number of optimizer steps.
+        size: Points in a batch.
+        fractions: Fractions of a batch on the surface and around it.
+        pool: Points on and around the shape whose targets are computed once.
+        half_width: Half the edge h of the box [−h, h]^d in which g is fitted, since f may start from it there.
+        tolerance: Mean distance of the surface of g from the shape above which a fit has failed.
+        seed: Seed of the weights, the pools, and the batches.
+        settings: All of the above as plain values; with the content of the shape, they identify the fit in the cache.
+        trainer: Factory of the trainer of a fit, called with ``max_steps``.
     """
 
     def __init__(
@@ -76,10 +77,10 @@ class SdfFit:
         self.settings, self.trainer = dict(settings), trainer
 
     def prepare(self, shape: Shape) -> tuple[SdfTask, FieldData]:
-        """The task and the data that fit a shape.
+        """Prepare the task and the data that fit a shape.
 
         Raises:
-            InputError: if the shape leaves the box [-1, 1]^d.
+            InputError: If the shape leaves the box [-1, 1]^d.
         """
         _require_in_box(shape)
         box = Box(shape.dim, self.half_width)
@@ -95,12 +96,12 @@ class SdfFit:
         return SdfTask(network, self.loss, self.optimizer, self.scheduler), data
 
     def __call__(self, shape: Shape) -> SirenShape:
-        """The network of a shape in the box: from the cache if this very fit was made before, else fitted now.
+        """Return the network of a shape in the box, from the cache if the same fit was made before.
 
         Raises:
-            InputError: if the fit fails twice.
+            InputError: If the fit fails twice.
         """
-        with torch.random.fork_rng():  # what follows is drawn alike whether the fit was made now or before
+        with torch.random.fork_rng():  # later draws must not depend on whether the fit was in the cache
             return self._loaded_or_fitted(shape)
 
     def _loaded_or_fitted(self, shape: Shape) -> SirenShape:
@@ -109,15 +110,15 @@ class SdfFit:
             try:
                 return load_shape(file)
             except InputError:
-                log.warning("the cached fit %s cannot be read and is made again", file)
+                log.warning("The cached fit %s cannot be read and is made again.", file)
         kind = shape.provenance()["kind"]
-        log.info("fitting a network to the %s: %d steps, then kept in %s", kind, self.steps, file.parent)
+        log.info("Fitting a network to the %s in %d steps, once; it is kept in %s", kind, self.steps, file.parent)
         fitted = self.as_shape(self._fitted(shape), shape)
         save_shape(file, fitted)
         return fitted
 
     def _fitted(self, shape: Shape) -> SdfTask:
-        """A finished fit; one that collapses or stays far from the shape is made again, once, with half the step."""
+        """Fit; after a collapse, or if the surface stays far from the shape, once more with half the learning rate."""
         for scale in (1.0, 0.5):
             task, data = self.prepare(shape)
             task.step_scale = scale
@@ -132,14 +133,14 @@ class SdfFit:
                 problem = f"its surface is {error:.2g} away from the shape on average"
             except Collapse as collapse:
                 problem = str(collapse)
-            log.warning("the fit failed with %g of the learning rate: %s", scale, problem)
+            log.warning("The fit failed with %g of the learning rate: %s.", scale, problem)
         raise InputError(
-            f"no network could be fitted to the {shape.provenance()['kind']} ({problem}): lower sdf.optimizer.lr "
-            "fourfold, or raise sdf.steps"
+            f"The fit of a network to the {shape.provenance()['kind']} must succeed, got two failures ({problem}). "
+            "Try a quarter of `sdf.optimizer.lr`, or more `sdf.steps`."
         )
 
     def as_shape(self, task: SdfTask, shape: Shape) -> SirenShape:
-        """The network of a finished fit, in place of the shape it was fitted to."""
+        """Return the network of a finished fit as a shape with the pose and origin of the one it was fitted to."""
         provenance = shape.provenance()
         pose = Similarity.read(provenance["similarity"], shape.dim)
         origin = {key: value for key, value in provenance.items() if key != "similarity"}
@@ -152,16 +153,16 @@ class SdfFit:
 
 
 def draw_pools(shape: Shape, count: int, seed: int, half_width: float = 1.0) -> Pools:
-    """Points on a shape, and around it in the box [−h, h]^d, with their targets."""
+    """Draw points on a shape, and around it in the box [−h, h]^d, with their targets."""
     generator = torch.Generator().manual_seed(seed)
     box = half_width * working_box(shape.dim)
     return Pools(shape.surface_samples(count, generator), shape.distance_samples(count, generator, box))
 
 
-def realise(shape: Shape, fit: SdfFit) -> FieldShape:
-    """A shape that is a field: itself if it is one already, else the network fitted to it.
+def realize(shape: Shape, fit: SdfFit) -> FieldShape:
+    """Return a shape as a field: itself if it is one already, otherwise the network fitted to it.
 
-    The fit is made where the shape fills the box, and taken back to where the shape is: that may be anywhere.
+    The fit is made where the shape fills the box, and the network is then moved back to where the shape is.
     """
     if isinstance(shape, FieldShape):
         return shape
@@ -181,7 +182,7 @@ def _require_in_box(shape: Shape) -> None:
 
 
 def cache_folder() -> Path:
-    """Where fits are kept: ``NSM_CACHE_DIR`` if set, else the user's cache."""
+    """Folder of the cached fits, in ``NSM_CACHE_DIR`` if that is set, otherwise in the cache of the user."""
     folder = Path(os.environ.get("NSM_CACHE_DIR") or pooch.os_cache("nsm")) / "sdf"
     folder.mkdir(parents=True, exist_ok=True)
     return folder

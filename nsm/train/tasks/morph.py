@@ -1,4 +1,4 @@
-"""Training of a morph: f and V together."""
+"""Training of a morph: the networks of f and V together."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
-from nsm.cli.errors import InputError
+from nsm.cli.settings import invalid
 from nsm.losses import BatchEvaluation, WeightedSum
 from nsm.metrics import VolumeCurve
 from nsm.morphs.neural import NeuralMorph
@@ -17,22 +17,22 @@ from nsm.shapes import LandmarkPairs
 from nsm.train.tasks.base import Collapse, FieldTask
 from nsm.train.tasks.validation import Validator
 
-#: A morph whose volume at an end is below this part of its largest has lost its surface.
+#: Fraction of the largest volume below which a morph has lost its surface at an end.
 _VANISHED = 0.02
-#: A mean ‖∇f‖ on the end shapes above which f is noise: by distance and volume alone, noise may pass for a good morph.
+#: Mean ‖∇f‖ on the end shapes above which f is noise, which distance and volume alone may not reveal.
 _STEEP = 100.0
 
 
 class MorphTask(FieldTask):
-    """One optimiser step moves f and V at once; the end shapes stay as they are.
+    """Trains f and V together; the end shapes stay fixed.
 
-    Validation measures what a user sees (`nsm.train.tasks.validation`), in units of length:
+    Validation measures the extracted surface (`nsm.train.tasks.validation`), in units of length:
 
     - ``val/distance``, the mean of ``val/shape_to_morph`` and ``val/morph_to_shape``: |f|/‖∇f‖ at fixed points of the
-      end shapes, and |g| at points of the extracted surface of f at t = 0 and 1, where leftovers are;
-    - ``val/drift``, the largest error of volume as the displacement of the surface that makes it, r V^(1/d) / d with V
-      the volume of the source and r the greater of ``val/volume_max`` (|V(t)/V(0) − 1|) and ``val/volume_error`` (the
-      same for f and the end shapes);
+      end shapes, and |g| at points of the extracted surface of f at t = 0 and 1, which includes leftover pieces;
+    - ``val/drift``, the displacement of the surface that causes the largest error of volume, r V^(1/d) / d with V the
+      volume of the source and r the greater of ``val/volume_max`` (|V(t)/V(0) − 1|) and ``val/volume_error`` (the
+      relative difference between the volumes of f and of the end shapes);
     - ``val/leftover``, the root mean square distance of the surface from its main components, as many as the end
       shapes have, at the time when it is greatest; ``val/leftover_volume`` is the share of volume of the others, and
       ``val/components`` the most components at any time.
@@ -41,16 +41,20 @@ class MorphTask(FieldTask):
     ``morph.bounds`` around the moving shape; ``val/beyond`` is the share of volume beyond the training box.
 
     Args:
-        morph: the networks and the end shapes.
-        near: draws interior points around the moving surface.
-        ends: puts ambient points on f's own surface at both ends.
-        box: where the others are drawn.
-        loss: the terms.
-        optimizer, scheduler: see `FieldTask`.
-        volume_resolution: cells along the training box at which validation looks at the surface; for end shapes that
-            are too thin for them, it takes up to five times as many.
-        volume_times: at how many times, at least 2.
-        landmarks: points of the end shapes that belong together, for losses that ask for them.
+        morph: Networks and end shapes.
+        near: Sampler of interior points near the moving surface.
+        ends: Sampler of ambient points on the surface of f at both ends.
+        box: Training box, in which all other points are drawn.
+        loss: Weighted terms.
+        optimizer: Factory of the optimizer, see `FieldTask`.
+        scheduler: Factory of the schedule, see `FieldTask`.
+        volume_resolution: Cells along the training box with which validation extracts the surface; up to five times as
+            many for thin end shapes.
+        volume_times: Number of times at which validation measures, at least 2.
+        landmarks: Corresponding points of the end shapes, for losses that need them.
+
+    Raises:
+        InputError: If ``volume_times`` is less than 2.
     """
 
     def __init__(
@@ -69,10 +73,10 @@ class MorphTask(FieldTask):
         super().__init__(loss, optimizer, scheduler)
         self.morph, self.near, self.ends, self.box = morph, near, ends, box
         if volume_times < 2:
-            raise InputError(f"task.volume_times must be at least 2, got {volume_times}. Try task.volume_times=11.")
+            raise invalid("task.volume_times", "an integer of at least 2", volume_times, 11)
         self.validator = Validator(morph, box.half_width, volume_resolution, volume_times)
         self.landmarks = landmarks
-        #: Whether there has been a surface at both ends, which must then stay: f of random weights has none at first.
+        #: Whether there has been a surface at both ends, which must then stay; f with random weights has none at first.
         self._whole = False
         #: The curve of the last validation.
         self.volume_curve: VolumeCurve | None = None
@@ -80,7 +84,7 @@ class MorphTask(FieldTask):
         morph.target.requires_grad_(False)
 
     def evaluation(self, batch: Batch) -> BatchEvaluation:
-        """f and V at the points of a batch."""
+        """Evaluate f and V at the points of a batch."""
         morph = self.morph
         near = self.near.place(batch, self.box.half_width)
         shapes = morph.source.true_distance, morph.target.true_distance
@@ -91,7 +95,7 @@ class MorphTask(FieldTask):
         return BatchEvaluation(placed, morph.field, morph.velocity_field, known, progress, ends)
 
     def learn_from(self, evaluation: BatchEvaluation) -> None:
-        """Follow the surface."""
+        """Let the samplers follow the moving surface."""
         self.near.follow(evaluation.batch, evaluation.interior)
         self.ends.follow(evaluation.batch, evaluation.f)
 
@@ -103,7 +107,7 @@ class MorphTask(FieldTask):
 
     @torch.no_grad()
     def validation_step(self, batch: Batch, index: int) -> None:
-        """Measure the ends, the volume curve and the components, and put the box around the moving shape."""
+        """Measure ends, volume curve, and components, and fit the box around the moving shape."""
         on = batch.points[batch.surface]
         jet = self.morph.field.jet(on)
         slope = jet.gradient[:, : self.morph.dim].norm(dim=1)
@@ -139,7 +143,7 @@ class MorphTask(FieldTask):
     def _require_surface(self, curve: VolumeCurve) -> None:
         """Raise a `Collapse` if a surface that was there at an end is gone, or never came."""
         ends = curve.volumes[[0, -1]]
-        # on the way between the ends, some methods do lose the shape
+        # between the ends, some baselines do lose the surface
         lost = curve.times[[0, -1]][~(ends > _VANISHED * curve.volumes.max())]
         if len(lost) and (self._whole or self.global_step >= self.trainer.max_steps):
             raise Collapse(f"the shape has vanished at t = {lost[0]:.2f} by step {self.global_step}")

@@ -9,13 +9,13 @@ from torch.optim.lr_scheduler import LambdaLR
 
 
 def warmup_cosine(optimizer: Optimizer, total_steps: int, warmup: float = 0.03, floor: float = 0.0) -> LambdaLR:
-    """A linear rise over the first part of training, then half a cosine down.
+    """Raise the learning rate linearly at first, then lower it along half a cosine (https://arxiv.org/abs/1608.03983).
 
     Args:
-        optimizer: whose learning rate is the highest one.
-        total_steps: steps of the whole training.
-        warmup: part of the steps spent rising.
-        floor: the last learning rate, relative to the highest.
+        optimizer: Optimizer, whose learning rate is the peak.
+        total_steps: Steps of the whole training.
+        warmup: Fraction of the steps in which the learning rate rises.
+        floor: Final learning rate relative to the peak.
     """
     rising = max(1, round(warmup * total_steps))
 
@@ -29,5 +29,10 @@ def warmup_cosine(optimizer: Optimizer, total_steps: int, warmup: float = 0.03, 
 
 
 def constant(optimizer: Optimizer, total_steps: int) -> LambdaLR:
-    """The same learning rate throughout, as in the paper."""
+    """Keep the learning rate constant, as in the paper.
+
+    Args:
+        optimizer: Optimizer.
+        total_steps: Steps of the whole training.
+    """
     return LambdaLR(optimizer, lambda step: 1.0)

@@ -1,4 +1,4 @@
-"""Training of a still shape: a sine network fitted to a mesh, a point cloud or another field."""
+"""Training of one shape: a sine network fitted to a mesh, a point cloud, or another field."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ class SdfTask(FieldTask):
     ``val/normal``, the mean angle of ∇g to the normals there in degrees.
 
     Args:
-        network: g, a scalar network of d inputs.
-        loss: the terms; none may need a velocity.
-        optimizer, scheduler: see `FieldTask`.
+        network: Scalar network g of d inputs.
+        loss: Weighted terms, none of which may need a velocity.
+        optimizer: Factory of the optimizer, see `FieldTask`.
+        scheduler: Factory of the schedule, see `FieldTask`.
     """
 
     def __init__(
@@ -38,12 +39,12 @@ class SdfTask(FieldTask):
         self.network = network
 
     def evaluation(self, batch: Batch) -> BatchEvaluation:
-        """g at the points of a batch."""
+        """Evaluate g at the points of a batch."""
         return BatchEvaluation(batch, self.network)
 
     @torch.no_grad()
     def validation_step(self, batch: Batch, index: int) -> Tensor:
-        """Measure distance and normals."""
+        """Measure the distance of the surface and the angle of the normals."""
         jet = self.network.jet(batch.points[batch.surface])
         slope = jet.gradient.norm(dim=1)
         cosine = (jet.gradient * batch.normals).sum(1) / slope

@@ -1,4 +1,4 @@
-"""Validation of a morph in training: what a user will see of it."""
+"""Validation of a morph in training, from its extracted surface."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from nsm.types import SignedDistance, SimplexMesh
 
 log = logging.getLogger(__name__)
 
-#: A grid resolves a shape when its volume on it is right to this part; until then there are more cells, by this factor
-#: each time, so many times.
+#: Relative error of the volume up to which a grid resolves a shape; factor by which a coarser grid is refined; greatest
+#: number of refinements.
 _VOLUME_TOLERANCE, _MORE, _TIMES_MORE = 0.005, 1.5, 4
-#: A volume that is the same on so many grids is what they can measure.
+#: Number of grids with the same volume after which refinement stops.
 _UNCHANGED = 3
-#: Blocks of the grid along the box among which the surface is looked for first: fewer than for a final measurement.
+#: Coarse blocks along the box in which the surface is searched first; fewer than in a final measurement.
 _BLOCKS = 12
-#: Cells between the surface and the box that is put around it.
+#: Cells between the surface and the box around it.
 _MARGIN = 3
-#: Points drawn on the surface at either end.
+#: Points drawn on the surface at each end.
 _POINTS = 4000
 
 
@@ -75,12 +75,12 @@ class Validation(NamedTuple):
 
 
 class Validator:
-    """Looks at a morph in the whole box in which it is trained, at even times from 0 to 1.
+    """Measures a morph in the whole training box, at evenly spaced times from 0 to 1.
 
     Args:
         morph: The networks and the end shapes.
         half_width: The training box is [−h, h]^d.
-        resolution: Cells along the training box; more are taken for shapes that are too thin for them.
+        resolution: Cells along the training box; thin shapes are measured with more.
         times: Number of times.
     """
 
@@ -95,11 +95,11 @@ class Validator:
         return self._box.to(self.morph.bounds)
 
     def look(self, time: float) -> Look:
-        """The surface of the morph at one time."""
+        """Extract the surface of the morph at one time."""
         return look_at(partial(self.morph, t=time), self.box, self.resolution)
 
     def validate(self, step: int) -> Validation:
-        """Measure the morph as it is after ``step`` steps; a warning says what is wrong with its volume or its box."""
+        """Measure the morph after ``step`` steps, and warn of a missing surface or one that leaves the box."""
         looks = [self.look(time) for time in self.times.tolist()]
         volumes = torch.tensor([look.volume for look in looks], dtype=torch.double)
         pieces = [Pieces.of(look.mesh) for look in looks]
@@ -123,7 +123,7 @@ class Validator:
 
     @cached_property
     def resolution(self) -> int:
-        """Cells along the training box: enough for both end shapes, thin ones too, wherever they lie in the cells."""
+        """Cells along the training box that resolve both end shapes, wherever they lie relative to the cells."""
         true = [shape.volume() for shape in self._shapes]
         seen: dict[int, list[float]] = {}
         for resolution in (round(self._resolution * _MORE**times) for times in range(_TIMES_MORE + 1)):
@@ -133,14 +133,14 @@ class Validator:
             error = _greatest_error(seen[resolution], true * len(grids))
             if error <= _VOLUME_TOLERANCE:
                 return resolution
-            # what more cells do not change, and more once again, is no matter of cells
+            # a volume that two refinements leave unchanged does not depend on the resolution
             last = list(seen)[-_UNCHANGED:]
             changes = [_greatest_error(seen[fine], seen[coarse]) for coarse, fine in pairwise(last)]
             if len(last) == _UNCHANGED and max(changes) <= _VOLUME_TOLERANCE:
                 return last[0]
         log.warning(
-            "an end shape is so thin that %d cells along the training box measure its volume %.0f %% wrong, so the "
-            "volumes of validations are rough: give task.volume_resolution=%d",
+            "An end shape is so thin that its volume on %d cells along the training box is wrong by %.0f %%, and "
+            "validation measures volumes roughly. Try `task.volume_resolution=%d`.",
             resolution,
             100 * error,
             2 * self._resolution,
@@ -149,7 +149,7 @@ class Validator:
 
     @cached_property
     def end_volumes(self) -> Float[Tensor, " 2"]:
-        """Volumes (2,) of the end shapes, measured as those of f are; the true ones where the grid sees nothing."""
+        """Volumes (2,) of the end shapes, measured like those of f; the true ones where the grid is too coarse."""
         measured = [look.volume or shape.volume() for look, shape in zip(self._end_looks, self._shapes, strict=True)]
         return torch.tensor(measured, dtype=torch.double)
 
@@ -168,18 +168,18 @@ class Validator:
 
     @property
     def _size(self) -> float:
-        """The edge of a cube of the source's volume, a length."""
+        """Edge of a cube with the volume of the source, a length."""
         return float(self.end_volumes[0]) ** (1 / self.morph.dim)
 
     def _expected(self) -> list[int]:
-        """Components that the morph may have at each time: those of an end shape, and between them of either."""
+        """Number of components that the morph may have at each time: that of the end shapes."""
         source, target = self._end_pieces
         return [source, *[max(source, target)] * (len(self.times) - 2), target]
 
     def _morph_to_shape(self, looks: Sequence[Look]) -> float:
-        """Mean of |g − f| at points of the meshes at both ends, f there being the error of the mesh.
+        """Mean of |g − f| at points of the meshes at both ends, where f is the error of the mesh.
 
-        Where there is no surface, it is as far away as the box allows.
+        Without a surface, it is the diagonal of the training box.
         """
         distances = []
         for look, shape, time in zip((looks[0], looks[-1]), self._shapes, (0.0, 1.0), strict=True):
@@ -193,22 +193,22 @@ class Validator:
 
     def _box_around(self, meshes: Sequence[SimplexMesh]) -> Float[Tensor, "2 d"]:
         seen = [*meshes, *(look.mesh for look in self._end_looks)]
-        # the center of the training box belongs to it, for slices are laid through it
+        # slices pass through the center of the training box, so the box must hold it
         corners = torch.cat([mesh.vertices for mesh in seen] + [self.box.mean(0, keepdim=True)])
         margin = _MARGIN * (self.box[1] - self.box[0]) / self.resolution
         low = torch.maximum(corners.amin(0) - margin, self.box[0])
         return torch.stack([low, torch.minimum(corners.amax(0) + margin, self.box[1])])
 
     def _beyond(self, looks: Sequence[Look], step: int) -> float:
-        """Volume beyond the training box, relative to the source's, at the time when it is greatest."""
+        """Greatest volume beyond the training box, relative to that of the source."""
         cut = [t for t, look in zip(self.times.tolist(), looks, strict=True) if open_sides(look.mesh, self.box)]
         if not cut:
             return 0.0
         found = [volume_beyond(partial(self.morph, t=time), self.box, self.resolution) for time in cut]
         share = max(found) / float(self.end_volumes[0])
         log.warning(
-            "at step %d the moving shape leaves the training box [-%g, %g]^%d at t = %.2g, with about %.1f %% of its "
-            "volume beyond it, where f is not trained: give a larger sampler.box.half_width",
+            "At step %d the moving shape leaves the training box [-%g, %g]^%d at t = %.2g, with about %.1f %% of its "
+            "volume outside, where f is not trained. Try a larger `sampler.box.half_width`.",
             step, *(float(self.box[1, 0]),) * 2, self.morph.dim, cut[0], 100 * share,
         )  # fmt: skip
         return share
@@ -217,18 +217,18 @@ class Validator:
         missing = [f"t = {time:g}" for time, found in ((0, volumes[0]), (1, volumes[-1])) if not found > 0]
         if missing:
             log.warning(
-                "at step %d f has no surface at %s yet: until it has one there, val/error counts the distance as the "
-                "diagonal of the training box, and all of the volume as lost",
+                "At step %d f has no surface at %s yet. Until it has one, val/error counts the distance as the "
+                "diagonal of the training box, and all of the volume as lost.",
                 step,
                 " and ".join(missing),
             )
 
 
 def look_at(field: SignedDistance, box: Float[Tensor, "2 d"], resolution: int) -> Look:
-    """The surface of a field and the volume inside it, on ``resolution`` cells along a box."""
+    """Extract the surface of a field and measure its volume, on ``resolution`` cells along a box."""
     band = sample_band(field, Lattice.corners(box, resolution), coarse=_BLOCKS)
     mesh = surface_in_band(band)
-    # only a closed surface has an inside
+    # only a closed surface bounds a volume
     inside = volume(field, box, resolution) if open_sides(mesh, box) else volume_in_surface(mesh, field)
     return Look(mesh, max(inside, 0.0))
 

@@ -1,4 +1,4 @@
-"""What is seen: morphs side by side on a floor, in a bright studio."""
+"""The scene on the page: morphs side by side on a floor, in even light."""
 
 from __future__ import annotations
 
@@ -13,27 +13,29 @@ import viser
 from jaxtyping import Float
 
 from nsm.geometry.meshing import extract_surface
+from nsm.plots.camera import VIEW
 from nsm.types import Morph
-from nsm.view.frames import Settings
+from nsm.view.pictures import Settings
 from nsm.view.store import Key
 
-#: Cells and times by which the morphs' places are found before any frame is there.
+#: Cells along the box, and times, of the surfaces that determine the extent of a morph before any picture is made.
 _ROUGH_RESOLUTION, _ROUGH_TIMES = 24, (0.0, 0.25, 0.5, 0.75, 1.0)
-#: From one morph to the next, in widths of the widest; from a shape to its name, in heights of the highest.
+#: Distance between morphs in widths of the widest, and from a shape to its name in heights of the tallest.
 _PITCH, _GAP = 1.2, 0.05
-#: The direction of the camera from the morphs: in 3D from above, in 2D straight. Morphs in 3D are turned about the
-#: upright by this angle, so that each is seen a little from the side and none is farther away.
-_VIEW = {2: (0.0, 0.0, 1.0), 3: (0.0, 0.18, 1.0)}
-_TURN = {2: 0.0, 3: math.radians(22)}
-#: Vertical angle of the camera, narrow as for a portrait; width over height of the picture that must hold all.
+#: Direction from the morphs to the camera, and angle in radians by which morphs are turned about the vertical. Together
+#: they show each morph as rendered pictures do, and none is farther away than the others.
+_VIEW = {2: (0.0, 0.0, 1.0), 3: (0.0, VIEW[1], math.hypot(VIEW[0], VIEW[2]))}
+_TURN = {2: 0.0, 3: -math.atan2(VIEW[0], VIEW[2])}
+#: Vertical angle of the camera, and width divided by height of the window in which all morphs fit.
 _ANGLE, _ASPECT = math.radians(30), 1.45
-#: Room around what the camera holds.
+#: Margin around the morphs, as a factor.
 _MARGIN = 1.06
+#: Colors of the fine and the coarse grid on the floor.
 _GRID, _SECTION = (238, 240, 243), (224, 228, 233)
 
 
 class Extent(NamedTuple):
-    """Corners (3,) of the box that a morph's surface keeps to at all times."""
+    """Lowest and highest corner (3,) of the box around a morph's surface at all times."""
 
     low: Float[np.ndarray, " 3"]
     high: Float[np.ndarray, " 3"]
@@ -41,7 +43,7 @@ class Extent(NamedTuple):
     @classmethod
     @torch.no_grad()
     def of(cls, morph: Morph) -> Extent:
-        """Look at a morph roughly, at a few times; its whole box where it has no surface."""
+        """Estimate the extent of a morph from coarse surfaces at a few times; its whole box if it has none."""
         surfaces = [
             extract_surface(partial(morph, t=time), morph.bounds, _ROUGH_RESOLUTION).vertices for time in _ROUGH_TIMES
         ]
@@ -52,22 +54,22 @@ class Extent(NamedTuple):
         return cls(flat.min(0), flat.max(0))
 
     def turned(self, angle: float) -> Extent:
-        """The box around this one when it is turned about the upright axis, in radians."""
+        """Return the box around this one after a rotation about the vertical axis by an angle in radians."""
         turn = np.array([[math.cos(angle), 0, math.sin(angle)], [0, 1, 0], [-math.sin(angle), 0, math.cos(angle)]])
         corners = np.stack(np.meshgrid(*zip(self.low, self.high, strict=True)), -1).reshape(-1, 3) @ turn.T
         return Extent(corners.min(0), corners.max(0))
 
 
-class Stage:
-    """The scene of a page: every picture is a node of its own, of which one a morph is visible.
+class Scene:
+    """Scene of a page: every picture is a node of its own, of which one per morph is visible.
 
-    The browser has all pictures before they are shown, so that one replaces another at once and nothing flickers.
+    The browser receives pictures before they are shown, so that one replaces another at once and nothing flickers.
 
     Args:
-        server: of the page.
-        names: of the morphs.
-        extents: of the morphs.
-        dim: dimension of space.
+        server: Server of the page.
+        names: Names of the morphs.
+        extents: Extents of the morphs.
+        dim: Dimension of space.
     """
 
     def __init__(self, server: viser.ViserServer, names: Sequence[str], extents: Sequence[Extent], dim: int) -> None:
@@ -103,24 +105,24 @@ class Stage:
 
     @property
     def shown(self) -> set[Key]:
-        """The pictures that are visible now."""
+        """Keys of the visible pictures."""
         return set(self._shown.values())
 
     def add(self, key: Key, content: bytes | None) -> None:
-        """Send a picture to the browser, where it stays hidden until it is shown."""
+        """Send a picture to the browser, where it stays hidden until `show` selects it."""
         if content is not None:
             number = self._settings.setdefault(key.settings, len(self._settings))
             name = f"{self._folder(key.morph)}/turned/settings_{number}/{key.time}"
             self._nodes[key] = self.server.scene.add_glb(name, content, visible=False)
 
     def remove(self, keys: Sequence[Key]) -> None:
-        """Take pictures back."""
+        """Remove pictures from the browser."""
         for key in keys:
             if (node := self._nodes.pop(key, None)) is not None:
                 node.remove()
 
     def show(self, keys: Mapping[int, Key], captions: Mapping[int, str]) -> None:
-        """Show one picture of each morph in place of that before, with a line below it, all at once."""
+        """Replace the visible picture and caption of each given morph, all at once."""
         with self.server.atomic():
             for morph, key in keys.items():
                 before = self._shown.get(morph)

@@ -1,9 +1,12 @@
-"""The light of a bright room on a matt surface and on the floor below it, point by point.
+"""Light on a matte surface, and the shadow on the floor below it, computed point by point.
 
-Light comes from all of the room, brighter above than below, where the surface does not block it (ambient occlusion),
-and from a large lamp, whose shadows are soft. Both are sums over fixed directions, the same at every point: neighbors
-see almost the same, so light is free of noise, and so do successive times, so films do not flicker. Rays are traced
-by Embree (Wald et al., 2014).
+Ambient light comes from all directions, brighter from above than from below, where the surface does not block it
+(ambient occlusion). A large lamp adds direct light with soft shadows. Both are sums over fixed directions, the same at
+every point: neighboring points and successive times receive almost the same light, so pictures are free of noise and
+films do not flicker. Embree traces the rays.
+
+References:
+    Wald et al., Embree: a kernel framework for efficient CPU ray tracing, 2014, https://doi.org/10.1145/2601097.2601199
 """
 
 from __future__ import annotations
@@ -19,42 +22,51 @@ import torch
 from nsm.cli.extras import require
 from nsm.plots.camera import Camera
 
-#: Directions to the room (all around), and to the lamp.
-_ROOM_RAYS, _LAMP_RAYS = 288, 48
-#: Half the width of the lamp as seen from the surface, in radians: how soft shadows are.
+#: Directions of ambient light (all around), and directions to the lamp.
+_AMBIENT_RAYS, _LAMP_RAYS = 288, 48
+#: Half the width of the lamp as seen from the surface, in radians; shadows are softer the larger it is.
 _LAMP_RADIUS = 0.3
-#: How much of the light comes from the room, the lamp, and from a weak lamp opposite.
-_ROOM, _LAMP, _FILL = 0.50, 0.74, 0.08
-#: Light from straight above and from the horizon, as shares of the brightest; below, the floor gives back what it gets.
+#: Intensity of the ambient light, of the lamp, and of a weak lamp opposite.
+_AMBIENT, _LAMP, _FILL = 0.50, 0.74, 0.08
+#: Ambient light from the zenith, from the horizon, and from below, where the floor reflects it.
 _ZENITH, _HORIZON, _BELOW = 1.0, 0.75, 0.5
-#: How far rays start from the surface, as a share of the height of the picture, not to meet the triangle they leave.
+#: Distance from the surface at which rays start, relative to half the height of the picture, so that they miss the
+#: triangle that they leave.
 _OFF = 1.5e-3
 
 
 class Light(NamedTuple):
-    """What arrives at points: ``room`` (n,), the share of the room's light, and ``lamps`` (n,), of direct light."""
+    """Light that arrives at points.
 
-    room: np.ndarray
-    lamps: np.ndarray
+    Attributes:
+        ambient: Share of the ambient light that is not blocked, shape (n,).
+        direct: Intensity of the light from the lamps, shape (n,).
+    """
+
+    ambient: np.ndarray
+    direct: np.ndarray
 
     def reflected(self, color: np.ndarray) -> np.ndarray:
-        """Linear RGB (n, 3) from a surface of linear RGB (n, 3) or (3,).
+        """Return the light (n, 3) that a surface of the given color, (n, 3) or (3,), reflects; both in linear RGB.
 
-        In a crease, light of the room that is blocked is partly replaced by light from the surface around, which has
-        its color: room / (1 − color (1 − room)) (after Jimenez et al., Practical real-time strategies for accurate
-        indirect occlusion, 2016).
+        In a crease, blocked ambient light is partly replaced by light from the surrounding surface, which has its
+        color: a / (1 − c (1 − a)) for ambient light a and color c.
+
+        References:
+            Jimenez et al., Practical real-time strategies for accurate indirect occlusion, 2016,
+            https://www.activision.com/cdn/research/PracticalRealtimeStrategiesTRfinal.pdf
         """
-        room = self.room[:, None]
-        return color * (_ROOM * room / (1 - color * (1 - room.clip(0, 1))) + self.lamps[:, None])
+        ambient = self.ambient[:, None]
+        return color * (_AMBIENT * ambient / (1 - color * (1 - ambient.clip(0, 1))) + self.direct[:, None])
 
 
-class Room:
-    """A surface in the light.
+class Lighting:
+    """Illumination of one surface.
 
     Args:
-        vertices: (v, 3).
-        triangles: (m, 3) indices.
-        camera: the lamps stand beside the viewer.
+        vertices: Vertices of the surface, shape (v, 3).
+        triangles: Indices of their corners, shape (m, 3).
+        camera: The camera, beside which the lamps stand.
     """
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray, camera: Camera) -> None:
@@ -74,29 +86,29 @@ class Room:
         self._fill = _unit(0.5 * toward - 0.1 * camera.vertical + 0.9 * right)
 
     def light(self, points: np.ndarray, normals: np.ndarray) -> Light:
-        """Light at points (n, 3) of the surface with unit normals (n, 3)."""
-        around = _sphere(_ROOM_RAYS)
+        """Compute the light at points (n, 3) of the surface with unit normals (n, 3)."""
+        around = _sphere(_AMBIENT_RAYS)
         upwards = around @ self._camera.vertical
         above = _HORIZON + (_ZENITH - _HORIZON) * upwards
         bright = np.where(upwards > 0, above, _BELOW)
-        # normalized by all weights of a point, so that a plane in the open gets what it should in spite of few rays
+        # divided by the sum of weights at each point, so that few rays suffice on an unobstructed plane
         free, whole = self._gather(points, normals, around, bright)
         lit, all_lit = self._gather(points, normals, _disc(self._lamp, _LAMP_RADIUS, _LAMP_RAYS), None)
-        room = free / whole.clip(1e-9)
+        ambient = free / whole.clip(1e-9)
         facing = (normals @ self._lamp).clip(0)
         lamp = facing * lit / all_lit.clip(1e-9)
-        return Light(room, _LAMP * lamp + _FILL * (normals @ self._fill).clip(0) * room)
+        return Light(ambient, _LAMP * lamp + _FILL * (normals @ self._fill).clip(0) * ambient)
 
     def floor_shadow(self, points: np.ndarray) -> np.ndarray:
-        """How much of the light (n,) is taken from points (n, 3) of the floor, 0 in the open."""
+        """Return the share of light (n,) that the surface takes from points (n, 3) of the floor, 0 in the open."""
         normals = np.broadcast_to(self._camera.vertical, points.shape)
-        free, whole = self._gather(points, normals, _sphere(2 * _ROOM_RAYS), None)
+        free, whole = self._gather(points, normals, _sphere(2 * _AMBIENT_RAYS), None)
         return 1 - free / whole
 
     def _gather(
         self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray, bright: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Σ cos b over the directions that are free, and Σ cos over all, at each point."""
+        """Σ b cos θ over the unobstructed directions, and Σ cos θ over all, at each point."""
         start = (points + self._off * normals).astype(np.float32)
         strength = np.ones(len(directions)) if bright is None else bright
 
@@ -117,7 +129,7 @@ class Room:
 def _in_threads(
     work: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The sum of what ``work`` yields for shares of the numbers up to ``count``; Embree lets threads run at once."""
+    """Sum the results of ``work`` for shares of the numbers below ``count``; Embree releases the interpreter lock."""
     workers = min(count, torch.get_num_threads())
     with ThreadPoolExecutor(workers) as pool:
         parts = list(pool.map(work, [np.arange(first, count, workers) for first in range(workers)]))
@@ -125,7 +137,7 @@ def _in_threads(
 
 
 def _sphere(count: int) -> np.ndarray:
-    """Unit vectors (count, 3) spread evenly: a spiral that turns by the golden angle."""
+    """Unit vectors (count, 3) spread evenly on a spiral that turns by the golden angle (Fibonacci sphere)."""
     number = np.arange(count) + 0.5
     height = 1 - 2 * number / count
     angle = math.pi * (3 - math.sqrt(5)) * number
@@ -134,7 +146,7 @@ def _sphere(count: int) -> np.ndarray:
 
 
 def _disc(middle: np.ndarray, radius: float, count: int) -> np.ndarray:
-    """Unit vectors (count, 3) spread evenly within an angle of about ``radius`` around one, on such a spiral."""
+    """Unit vectors (count, 3) spread evenly within an angle of about ``radius`` around one, on the same spiral."""
     number = np.arange(count) + 0.5
     angle, distance = math.pi * (3 - math.sqrt(5)) * number, radius * np.sqrt(number / count)
     first = _unit(np.cross(middle, np.eye(3)[np.abs(middle).argmin()]))

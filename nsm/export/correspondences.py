@@ -1,0 +1,54 @@
+"""Correspondences between the two ends of a morph, as numbers and as two meshes with the same colors."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from nsm.cli.files import whole_file
+from nsm.io.mesh import write_mesh
+from nsm.shapes.textured import Attributes
+from nsm.types import SimplexMesh
+
+log = logging.getLogger(__name__)
+
+
+def write_correspondences(
+    folder: Path, source: SimplexMesh, target: SimplexMesh, distances: Float[Tensor, " v"], colors: Float[Tensor, "v 3"]
+) -> None:
+    """Write which point of the target each vertex of the source becomes.
+
+    ``correspondences.npz`` holds ``source_points`` (v, d), ``target_points`` (v, d), ``distances`` (v,), and
+    ``simplices`` (m, d). ``source.ply`` and ``target.ply`` (OBJ in 2D) show corresponding points in the same color.
+
+    Args:
+        folder: The folder to write to.
+        source: Mesh on the source.
+        target: The same simplices on the target.
+        distances: Distances between the advected vertices and the target.
+        colors: Colors of the vertices, sRGB in 0..1.
+    """
+    suffix = "ply" if source.vertices.shape[1] == 3 else "obj"
+    for name, mesh in (("source", source), ("target", target)):
+        write_mesh(folder / f"{name}.{suffix}", mesh, attributes=Attributes(colors=colors))
+    with whole_file(folder / "correspondences.npz") as temporary:
+        np.savez_compressed(
+            temporary,
+            source_points=source.vertices.cpu().numpy(),
+            target_points=target.vertices.cpu().numpy(),
+            distances=distances.cpu().numpy(),
+            simplices=source.simplices.cpu().numpy(),
+        )
+    log.info(
+        "wrote correspondences.npz, source.%s, and target.%s to %s (distance between advected vertices and the target: "
+        "mean %.2g, maximum %.2g)",
+        suffix,
+        suffix,
+        folder,
+        float(distances.mean()),
+        float(distances.max()),
+    )

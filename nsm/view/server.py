@@ -1,0 +1,64 @@
+"""The server of the page: opening it on a free port, and closing it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import socket
+
+import viser
+
+from nsm.cli.errors import InputError
+
+#: Number of ports that are tried in search of a free one.
+_TRIES = 100
+
+
+def open_server(host: str, port: int | None) -> viser.ViserServer:
+    """Open an empty page.
+
+    Args:
+        host: Address of the page.
+        port: Port of the page; None for any free one.
+
+    Raises:
+        InputError: If the port is taken, or the host is not an address of this machine.
+    """
+    free = free_port(host, 0 if port is None else port)
+    # viser would silently take the next port, and the page would not be where the user looks for it
+    if port not in (None, free):
+        raise InputError(f"`port` must be free, got {port}, which is in use on {host}. Try `port={free}`.")
+    logging.getLogger("websockets").setLevel(logging.WARNING)  # it logs every connection
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of addresses
+        server = viser.ViserServer(host, free, verbose=False)
+    if server.get_port() != free:  # another process was faster
+        close_server(server)
+        other = free_port(host, free)
+        raise InputError(f"`port` must be free, got {free}, which is in use on {host}. Try `port={other}`.")
+    return server
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """Close a page without the message that viser prints."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+def free_port(host: str, first: int) -> int:
+    """Find a free port: ``first`` or one soon after it; any if ``first`` is 0.
+
+    Raises:
+        InputError: If there is none, or the host is not an address of this machine.
+    """
+    reason = ""
+    for port in range(first, min(first + _TRIES, 1 << 16)):
+        try:
+            with socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET) as bound:
+                return int(bound.getsockname()[1])
+        except OSError as error:
+            reason = error.strerror or str(error)
+    raise InputError(
+        f"`host` and `port` must be an address of this machine with a free port, got {host} and {first} ({reason}). "
+        "Try `host=127.0.0.1 port=8080`."
+    )
