@@ -83,7 +83,9 @@ def _copy_scaled(field: ScalarSiren, source: ScalarSiren | None, factor: float) 
     wanted = (field.hidden_features, field.hidden_layers)
     found = None if source is None else (source.hidden_features, source.hidden_layers)
     if source is None or found != wanted:
-        raise ValueError(f"`source` must be a network of the same width and depth as f, {wanted}, got {found}.")
+        raise ValueError(
+            f"`source` must be a network of the same width and depth as f, {wanted}, got {found}. Try `SirenInit()`."
+        )
     *hidden, weight, bias = source.layers
     hidden = [factor * parameter for parameter in hidden]
     hidden[0] = torch.cat([hidden[0], hidden[0].new_zeros(len(hidden[0]), 1)], 1)

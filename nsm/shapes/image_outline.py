@@ -14,6 +14,7 @@ from skimage.filters import threshold_otsu
 from skimage.measure import find_contours
 
 from nsm.cli.errors import InputError
+from nsm.shapes.reading import unreadable
 
 log = logging.getLogger(__name__)
 
@@ -130,10 +131,7 @@ def _read_values(file: Path) -> tuple[np.ndarray, bool]:
                 return values / max(float(values.max()), 1.0), False
             return np.asarray(image.convert("RGB").convert("L"), dtype=np.float64) / 255, False
     except Exception as error:  # readers raise various exceptions for damaged files
-        raise InputError(
-            f"{file} cannot be read as an image ({type(error).__name__}: {str(error)[:80]}): it may be cut short or of "
-            "another format. Try saving it again as PNG."
-        ) from error
+        raise unreadable(file, "an image", error) from error
 
 
 class _Field(NamedTuple):

@@ -14,6 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from nsm.cli.errors import InputError
+from nsm.shapes.reading import require_content, unreadable
 from nsm.shapes.sampling import sample_mesh_surface, unit_normals
 from nsm.shapes.surface_files import SURFACE_FORMATS, read_surface
 from nsm.types import SimplexMesh
@@ -56,8 +57,7 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
     """
     if file.suffix.lower() not in FORMATS:
         raise InputError(f"`path` must end in {', '.join(FORMATS)}, got {file}. Try to convert the mesh to `.obj`.")
-    if file.stat().st_size == 0:
-        raise InputError(f"{file} must contain a mesh, got an empty file. Try to export the mesh again.")
+    require_content(file, "a mesh")
     try:
         mesh: Any
         if file.suffix.lower() in SURFACE_FORMATS:
@@ -67,10 +67,7 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
     except InputError:
         raise
     except Exception as error:  # readers raise various exceptions for damaged files
-        raise InputError(
-            f"{file} must contain a mesh in the format of its extension, got {type(error).__name__}: "
-            f"{str(error)[:80]}. Try to export the mesh again; the file may be truncated."
-        ) from error
+        raise unreadable(file, "a mesh", error) from error
     if file.suffix.lower() == ".obj":
         _require_all_faces(file)
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or len(mesh.vertices) == 0:

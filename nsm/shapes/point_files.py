@@ -11,6 +11,7 @@ import trimesh
 
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
+from nsm.shapes.reading import require_content, unreadable
 
 log = logging.getLogger(__name__)
 
@@ -44,17 +45,13 @@ def read_points(file: Path) -> PointColumns:
             f"The name of a point cloud must end in {', '.join(POINT_FORMATS)}, got '{file.suffix}' ({file}). Try "
             "`points.ply`."
         )
-    if file.stat().st_size == 0:
-        raise InputError(f"{file} is empty. Try a file with points in it.")
+    require_content(file, "points")
     try:
         rows = _READERS[suffix](file)
     except InputError:
         raise
     except Exception as error:  # readers raise various exceptions for damaged files
-        raise InputError(
-            f"{file} cannot be read as a point cloud ({type(error).__name__}: {str(error)[:80]}): it may be cut short "
-            "or of another format. Try exporting it again."
-        ) from error
+        raise unreadable(file, "points", error) from error
     return as_columns(rows, str(file))
 
 

@@ -12,6 +12,7 @@ from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.image_outline import IMAGE_FORMATS, image_outline
 from nsm.shapes.outline import OutlineShape
 from nsm.shapes.placing import FilePlacement, centered
+from nsm.shapes.reading import require_content
 from nsm.shapes.similarity import Pose, Similarity
 from nsm.shapes.svg_outline import svg_outline
 
@@ -50,8 +51,7 @@ class Silhouette(OutlineShape):
                 f"The name of a picture must end in {', '.join(PICTURE_FORMATS)}, got '{file.suffix}' ({file}). Try "
                 "`silhouette.png`."
             )
-        if file.stat().st_size == 0:
-            raise InputError(f"{file} is empty. Try a picture with something on it.")
+        require_content(file, "a picture")
         if suffix == ".svg" and threshold is not None:
             raise InputError(f"`threshold` must be null for a drawing, got {threshold:g}. Try `threshold=null`.")
         loops = svg_outline(file) if suffix == ".svg" else image_outline(file, threshold)

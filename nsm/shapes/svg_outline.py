@@ -9,6 +9,7 @@ import numpy as np
 
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
+from nsm.shapes.reading import unreadable
 
 #: Maximum deviation of polygons from curves, relative to the size of the path.
 TOLERANCE = 1e-4
@@ -47,10 +48,7 @@ def svg_outline(file: Path) -> list[np.ndarray]:
     except InputError:
         raise
     except Exception as error:  # readers raise various exceptions for damaged files
-        raise InputError(
-            f"{file} cannot be read as an SVG drawing ({type(error).__name__}: {str(error)[:80]}). Try saving it again "
-            "as plain SVG."
-        ) from error
+        raise unreadable(file, "an SVG drawing", error) from error
     region = shapely.MultiPolygon()
     for polygon, paper in polygons:
         region = region.difference(polygon) if paper else region.union(polygon)

@@ -10,6 +10,7 @@ import numpy as np
 
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
+from nsm.shapes.reading import require_content, unreadable
 
 #: Extensions of supported files.
 VOLUME_FORMATS = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mgz", ".mgh", ".tif", ".tiff")
@@ -38,18 +39,14 @@ def read_voxels(file: Path) -> Voxels:
         InputError: If the file cannot be read, or contains no volume.
     """
     suffix = volume_suffix(file)
-    if file.stat().st_size == 0:
-        raise InputError(f"{file} is empty. Try a file with a volume of labels in it.")
+    require_content(file, "a volume")
     reader = _READERS[suffix](suffix)
     try:
         values, affine = reader(file)
     except InputError:
         raise
     except Exception as error:  # readers raise various exceptions for damaged files
-        raise InputError(
-            f"{file} cannot be read as a volume ({type(error).__name__}: {str(error)[:80]}): it may be cut short or of "
-            "another format. Try exporting it again."
-        ) from error
+        raise unreadable(file, "a volume", error) from error
     values = values.reshape(values.shape[:3]) if values.ndim > 3 and set(values.shape[3:]) == {1} else values
     if values.ndim != 3:
         raise InputError(

@@ -107,8 +107,8 @@ def test_files_without_an_oriented_cloud_are_rejected(tmp_path: Path, caplog: py
     holes[3, 1] = np.nan
     random = np.random.default_rng(0).normal(size=normals.shape)
     flat = points * np.array([1, 1, 0])
-    refused(str(tmp_path / "cut.ply"), "cut short")
-    refused(str(tmp_path / "empty.ply"), "is empty")
+    refused(str(tmp_path / "cut.ply"), "may be truncated")
+    refused(str(tmp_path / "empty.ply"), "got an empty file")
     refused(str(tmp_path / "a.obj"), r"must end in .ply, .xyz, .* got '.obj'")
     refused(str(tmp_path), "must be a file, got the folder")
     refused(_write(tmp_path / "c.xyz", points[:, :2], None), r"three numbers .* got an array of shape \(2000, 2\)")

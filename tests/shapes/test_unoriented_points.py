@@ -133,7 +133,7 @@ def test_what_is_no_cloud_meets_a_sentence(tmp_path: Path, monkeypatch: pytest.M
         "flat.npy": r"rows of three numbers \(x y z\) or six .* got an array of shape \(500, 2\)",
         "few.npy": "must have at least 48 distinct points, got 30",
         "sheet.npy": "must have normals that enclose a volume",
-        "words.xyz": "cannot be read as a point cloud",
+        "words.xyz": "must contain points in the format",
     }.items():
         with pytest.raises(InputError, match=words) as error:
             PointCloud(str(tmp_path / name))
