@@ -29,9 +29,9 @@ from nsm.library.trained import TrainedMorph, load_morph
 from nsm.train import __main__ as training
 from nsm.types import SimplexMesh
 
-#: A shape as `morph` takes it: a mesh, its vertices (v, 3) and faces (m, 3), a file of any kind
-#: (`nsm.io.shape_file.read_shape`), or a name of ``conf/shape``.
-ShapeLike = trimesh.Trimesh | str | os.PathLike[str] | tuple[Any, Any]
+#: A shape as `morph` takes it: a mesh, its vertices (v, 3) and faces (m, 3), points (n, 3), points with normals (n, 6),
+#: a file of any kind (`nsm.io.shape_file.read_shape`), or a name of ``conf/shape``.
+ShapeLike = trimesh.Trimesh | trimesh.PointCloud | np.ndarray | str | os.PathLike[str] | tuple[Any, Any]
 
 
 def morph(
@@ -49,8 +49,9 @@ def morph(
     """Train a morph between two shapes, as ``python -m nsm.train`` does.
 
     Args:
-        source: Shape at t = 0: a `trimesh.Trimesh`, the path of a file, a pair of vertices (v, 3) and faces (m, 3), or
-            the name of a file in ``conf/shape``.
+        source: Shape at t = 0: a `trimesh.Trimesh` or `trimesh.PointCloud`, the path of a file, a pair of vertices
+            (v, 3) and faces (m, 3), an array of points (n, 3) or of points with normals (n, 6), or the name of a file
+            in ``conf/shape``.
         target: Shape at t = 1.
         budget: ``full``, ``fast`` (a quarter of the steps), or another file in ``conf/budget``.
         steps: Number of optimizer steps; None for those of the budget.
@@ -90,6 +91,11 @@ def _shape(side: str, shape: ShapeLike, folder: Path) -> list[str]:
     if isinstance(shape, str | os.PathLike):
         path = Path(shape).expanduser()
         return [f"shape@{side}=file", f"{side}.path={_literal(str(path.resolve() if path.exists() else shape))}"]
+    if isinstance(shape, trimesh.PointCloud | np.ndarray):
+        points = folder / f"{side}.npy"
+        folder.mkdir(parents=True, exist_ok=True)
+        np.save(points, shape if isinstance(shape, np.ndarray) else np.asarray(shape.vertices))
+        return [f"shape@{side}=points", f"{side}.path={_literal(str(points))}"]
     vertices, faces = (shape.vertices, shape.faces) if isinstance(shape, trimesh.Trimesh) else shape
     arrays = torch.as_tensor(np.asarray(vertices, dtype=np.float64)), torch.as_tensor(np.asarray(faces, dtype=np.int64))
     if any(array.ndim != 2 or array.shape[1] != 3 for array in arrays):

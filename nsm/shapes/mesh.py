@@ -18,6 +18,7 @@ from nsm.geometry.volume import volume
 from nsm.shapes.base import VOLUME_RESOLUTION, FieldShape
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.mesh_reading import merge_vertices, openness, orient_outward, read_mesh, signed_volume
+from nsm.shapes.mesh_repair import repaired
 from nsm.shapes.placing import FilePlacement, centered
 from nsm.shapes.sampling import sample_mesh_surface, unit_normals
 from nsm.shapes.similarity import Pose, Similarity
@@ -190,6 +191,8 @@ class MeshFile(MeshShape):
         file_placement, file = FilePlacement(fit, pose, up), resolve(path)
         raw, faces = merge_vertices(read_mesh(file), str(path))
         vertices, center = centered(torch.from_numpy(raw))
+        kept, faces = repaired(vertices.numpy(), faces, str(path))
+        vertices = torch.from_numpy(kept)
         faces = orient_outward(vertices.numpy(), faces, str(path))
         state = openness(vertices.numpy(), faces)
         if state.edges:

@@ -93,6 +93,13 @@ def test_a_saved_morph_loads_as_the_same(trained: nsm.TrainedMorph, tmp_path: Pa
     torch.testing.assert_close(again.source(x), trained(x, 0.0))
 
 
+def test_points_in_memory_and_a_file_of_any_kind_make_a_morph(ball: trimesh.Trimesh, tmp_path: Path) -> None:
+    points, _ = trimesh.sample.sample_surface_even(ball, 1500, seed=0)
+    np.savetxt(tmp_path / "ball.xyz", 2 * points)
+    made = nsm.morph(np.asarray(points), tmp_path / "ball.xyz", steps=1, ends="network", **TINY)
+    assert made.source.provenance()["kind"] == made.target.provenance()["kind"] == "point cloud"
+
+
 def test_the_output_folder_keeps_the_run(ball: trimesh.Trimesh, tmp_path: Path) -> None:
     kept = nsm.morph(ball, "torus", output=tmp_path, steps=2, ends="network", **TINY)
     x = torch.rand(9, 3)

@@ -86,6 +86,8 @@ def test_rims_are_counted_and_closed_clouds_have_none(tmp_path: Path, caplog: py
     assert f"partial cloud: {ring.points} of its {len(cut)} points lie at the rims of about 1 holes" in caplog.text
     x = torch.tensor([[0, 0, 0], [0, 0, -0.6], [0, 0, 0.9], [0, 0, -1.2], [1.1, 0, 0]], dtype=torch.float64)
     assert (shape.signed_distance(x) < 0).tolist() == [True, True, True, False, False]
+    cap = math.pi * 0.2**2 * (3 - 0.2) / 3
+    assert 4 / 3 * math.pi - 1.5 * cap < shape.volume() < 4 / 3 * math.pi
 
 
 @pytest.mark.parametrize("ending", ["ply", "xyz", "txt", "npy", "las", "laz"])
