@@ -19,11 +19,10 @@ UNCONVERTED = (
     "nsm.morphs.surfaces",
     "nsm.plots",
     "nsm.render",
-    "nsm.shapes",
     "nsm.view",
 )
 #: Something named, what is required of it, and what to do instead.
-_PARTS = (re.compile(r"`[^`]+`"), re.compile(r"\b(must|cannot)\b"), re.compile(r"\. Try .+[.?)]$", re.DOTALL))
+_PARTS = (re.compile(r"`[^`]+`"), re.compile(r"\b(must|cannot|needs)\b"), re.compile(r"\. Try .+[.?)]$", re.DOTALL))
 
 
 def has_form(message: str) -> bool:

@@ -162,7 +162,8 @@ class FieldShape(nn.Module, Shape):
             mesh = extract_surface(self._local_field, self.local_box(), self._resolution(SURFACE_RESOLUTION))
             if len(mesh.simplices) == 0:
                 raise InputError(
-                    f"The {self.provenance()['kind']} must have a surface in its domain, got none. Try a larger shape."
+                    f"The `{self.provenance()['kind']}` must have a surface in its domain, got none. Try a larger "
+                    "shape."
                 )
             self._local_surface = SimplexMesh(self._onto_surface(mesh.vertices), mesh.simplices)
         return self._local_surface

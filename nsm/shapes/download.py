@@ -71,8 +71,8 @@ def fetch(name: str) -> Path:
     if root and (local := Path(root).expanduser() / entry.path).is_file():
         if (found := file_sha256(local)) != entry.sha256:
             raise InputError(
-                f"{local} must have the SHA-256 checksum {entry.sha256[:12]}…, got {found[:12]}…. Try to replace it by "
-                f"{entry.url}, or delete it so that it is downloaded."
+                f"`{local}` must have the SHA-256 checksum {entry.sha256[:12]}…, got {found[:12]}…. Try to replace it "
+                f"by {entry.url}, or delete it so that it is downloaded."
             )
         return local
     return _download(entry)
@@ -91,11 +91,8 @@ def resolve(path: str | os.PathLike[str]) -> Path:
         raise InputError(f"`path` must be a file, got the folder {local}. Try the path of a file in it.")
     if str(path) in manifest():
         return fetch(str(path))
-    near = get_close_matches(str(path), manifest(), n=1)
-    raise InputError(
-        f"`path` must be an existing file or a public name, got {local}. Try "
-        + (f"`{near[0]}`." if near else "`meshes/spot.obj`.")
-    )
+    example = next(iter(get_close_matches(str(path), manifest(), n=1)), "meshes/spot.obj")
+    raise InputError(f"`path` must be an existing file or a public name, got {local}. Try `{example}`.")
 
 
 def _download(entry: Entry) -> Path:
@@ -122,6 +119,6 @@ def _download(entry: Entry) -> Path:
     ) as error:  # errors of requests are OSErrors, and the checksum error of pooch is a ValueError
         log.debug("download failed", exc_info=error)
         raise InputError(
-            f"{entry.path} must be under NSM_DATA_DIR or downloadable, got {type(error).__name__} on download. Try to "
-            f"download {entry.url} elsewhere, and save it as $NSM_DATA_DIR/{entry.path}."
+            f"`{entry.path}` must be under NSM_DATA_DIR or downloadable, got {type(error).__name__} on download. Try "
+            f"to download {entry.url} elsewhere, and save it as $NSM_DATA_DIR/{entry.path}."
         ) from error

@@ -100,8 +100,8 @@ def _read_indicator(file: Path, threshold: float | None) -> _Indicator:
     above = values > level
     if above.all() or not above.any():
         raise InputError(
-            f"{file} must show something in front of a background, but all of its {values.size} pixels are on one side "
-            f"of the threshold {level:.3g} (they lie between {low:.3g} and {high:.3g}). Try another `threshold=`."
+            f"`{file}` must show something in front of a background, but all of its {values.size} pixels are on one "
+            f"side of the threshold {level:.3g} (they lie between {low:.3g} and {high:.3g}). Try another `threshold=`."
         )
     border = np.concatenate([above[0], above[-1], above[:, 0], above[:, -1]])
     inside = above if opaque or border.mean() <= 0.5 else ~above

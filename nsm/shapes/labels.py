@@ -80,13 +80,13 @@ def choose_labels(values: np.ndarray, label: int | Sequence[int] | None, name: s
     present = np.unique(values)
     if len(present) > MAX_LABELS or not (np.isfinite(present).all() and (present == np.round(present)).all()):
         raise InputError(
-            f"{name} must hold whole numbers, the labels of its voxels, got {len(present)} different values between "
+            f"`{name}` must hold whole numbers, the labels of its voxels, got {len(present)} different values between "
             f"{present[0]:g} and {present[-1]:g}. Try a segmentation in place of the scan."
         )
     known = [int(value) for value in present if value != 0]
     listed = ", ".join(map(str, known[:LISTED])) + (", …" if len(known) > LISTED else "")
     if not known:
-        raise InputError(f"{name} must hold a label other than 0, got none. Try another segmentation.")
+        raise InputError(f"`{name}` must hold a label other than 0, got none. Try another segmentation.")
     if label is None:
         if len(known) > 1:
             raise InputError(f"`label` must be one of {listed} in {name}, got none. Try `label={known[0]}`.")

@@ -72,7 +72,7 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
         _require_all_faces(file)
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or len(mesh.vertices) == 0:
         raise InputError(
-            f"{file} must contain triangles, got none. Try a mesh with faces, or "
+            f"`{file}` must contain triangles, got none. Try a mesh with faces, or "
             "`shape@source=points` for a point cloud."
         )
     return mesh
@@ -91,7 +91,7 @@ def _require_all_faces(file: Path) -> None:
     ended = line.endswith(b"\n")
     if vertices - len(used) > _MAX_UNUSED_VERTICES[ended] * vertices:
         raise InputError(
-            f"{file} must contain faces for its {vertices} vertices, got faces that use {len(used)} of them. Try to "
+            f"`{file}` must contain faces for its {vertices} vertices, got faces that use {len(used)} of them. Try to "
             "export the mesh again; the file may be truncated."
         )
 
@@ -112,23 +112,23 @@ def merge_vertices(mesh: trimesh.Trimesh, name: str) -> tuple[np.ndarray, np.nda
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(
-            f"{name} must contain all vertices that its faces use, got {len(vertices)} vertices. Try to export the "
+            f"`{name}` must contain all vertices that its faces use, got {len(vertices)} vertices. Try to export the "
             "mesh again; the file may be truncated."
         )
     vertices, faces = _compact(vertices, faces)
     if bad := int((~np.isfinite(vertices)).any(1).sum()):
         raise InputError(
-            f"{name} must have finite vertices, got {bad} that are not finite. Try to export the mesh again."
+            f"`{name}` must have finite vertices, got {bad} that are not finite. Try to export the mesh again."
         )
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     if diagonal == 0:
-        raise InputError(f"{name} must enclose a volume, got vertices that all coincide. Try a closed mesh.")
+        raise InputError(f"`{name}` must enclose a volume, got vertices that all coincide. Try a closed mesh.")
     cells = np.round((vertices - vertices.min(0)) / (_MERGE_DISTANCE * diagonal)).astype(np.int64)
     _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     faces = inverse.reshape(-1)[faces]
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     if not proper.any():
-        raise InputError(f"{name} must enclose a volume, got only degenerate triangles. Try a closed mesh.")
+        raise InputError(f"`{name}` must enclose a volume, got only degenerate triangles. Try a closed mesh.")
     return _compact(vertices[first], faces[proper])
 
 
@@ -151,8 +151,8 @@ def orient_outward(vertices: np.ndarray, faces: np.ndarray, name: str) -> np.nda
     below = _winding_below(vertices, faces)
     if state.edges and max(below, 1 - below) < MIN_WINDING:
         raise InputError(
-            f"{name} must be nearly closed, got {state.edges} boundary edges and a winding number of {below:.2f} below "
-            "the surface, where 1 is closed. Try to close the holes of the mesh."
+            f"`{name}` must be nearly closed, got {state.edges} boundary edges and a winding number of {below:.2f} "
+            "below the surface, where 1 is closed. Try to close the holes of the mesh."
         )
     if below < 0.5:
         log.warning("%s is inside out; its triangles are flipped", name)
@@ -160,7 +160,8 @@ def orient_outward(vertices: np.ndarray, faces: np.ndarray, name: str) -> np.nda
     amount = signed_volume(vertices, faces)
     if not state.edges and amount <= _MIN_FILL * float(np.ptp(vertices, axis=0).max()) ** 3:
         raise InputError(
-            f"{name} must enclose a positive volume, got {amount:.3g}. Try a mesh with consistently oriented triangles."
+            f"`{name}` must enclose a positive volume, got {amount:.3g}. Try a mesh with consistently "
+            "oriented triangles."
         )
     return faces
 

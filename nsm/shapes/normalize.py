@@ -67,7 +67,7 @@ def equal_volume(source: FieldShape, target: FieldShape) -> EqualVolume:
     for shape, value in zip((source, target), volumes, strict=True):
         if not value > 0:
             raise InputError(
-                f"The volume of the {shape.provenance()['kind']} must be positive, got {value:g}. Try a closed shape."
+                f"The volume of the `{shape.provenance()['kind']}` must be positive, got {value:g}. Try a closed shape."
             )
     small = min(volumes)
     scales = [(small / value) ** (1 / source.dim) for value in volumes]

@@ -63,7 +63,7 @@ def as_columns(rows: np.ndarray, name: str) -> PointColumns:
     """
     if rows.ndim != 2 or rows.shape[1] not in (3, 6):
         raise InputError(
-            f"{name} must hold rows of three numbers (x y z) or six (x y z nx ny nz), got an array of shape "
+            f"`{name}` must hold rows of three numbers (x y z) or six (x y z nx ny nz), got an array of shape "
             f"{tuple(rows.shape)}. Try one row per point."
         )
     rows = np.asarray(rows, dtype=np.float64)

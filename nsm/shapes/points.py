@@ -188,7 +188,7 @@ class PointCloud(Shape):
         inside = float(np.median(below)) / jump if jump > 0 else 0.5
         if jump < _MIN_JUMP or max(inside, 1 - inside) < MIN_WINDING:
             raise InputError(
-                f"{self.path} must have normals that enclose a volume, got normals whose winding number decreases by "
+                f"`{self.path}` must have normals that enclose a volume, got normals whose winding number decreases by "
                 f"{jump:.2f} across the points, where 1 is correct. Try a closed cloud whose normals all point outward."
             )
         self._areas = self._areas / jump
@@ -218,7 +218,7 @@ def clean_points(points: np.ndarray, normals: np.ndarray | None, name: str) -> t
     """
     rows = points if normals is None else np.concatenate([points, normals], 1)
     if bad := int((~np.isfinite(rows)).any(1).sum()):
-        raise InputError(f"{name} must have finite points and normals, got {bad} not finite. Try to export it again.")
+        raise InputError(f"`{name}` must have finite points and normals, got {bad} not finite. Try to export it again.")
     if normals is not None:
         length = np.linalg.norm(normals, axis=1)
         if lost := int((length < 1e-6).sum()):
@@ -228,7 +228,7 @@ def clean_points(points: np.ndarray, normals: np.ndarray | None, name: str) -> t
     if len(points) < 4 * _NEIGHBORS:
         with_normals = "" if normals is None else " with normals"
         raise InputError(
-            f"{name} must have at least {4 * _NEIGHBORS} distinct points{with_normals}, got {len(points)}. Try a "
+            f"`{name}` must have at least {4 * _NEIGHBORS} distinct points{with_normals}, got {len(points)}. Try a "
             "denser cloud."
         )
     return points, None if normals is None else normals[first]

@@ -21,7 +21,7 @@ def require_content(file: Path, content: str) -> None:
         InputError: If the size of the file is zero.
     """
     if file.stat().st_size == 0:
-        raise InputError(f"{file} must contain {content}, got an empty file. Try to export it again.")
+        raise InputError(f"`{file}` must contain {content}, got an empty file. Try to export it again.")
 
 
 def unreadable(file: Path, content: str, error: Exception) -> InputError:
@@ -33,6 +33,6 @@ def unreadable(file: Path, content: str, error: Exception) -> InputError:
         error: The error of the reader.
     """
     return InputError(
-        f"{file} must contain {content} in the format of its extension, got {type(error).__name__}: "
+        f"`{file}` must contain {content} in the format of its extension, got {type(error).__name__}: "
         f"{str(error)[:_MAX_DETAIL]}. Try to export it again; the file may be truncated."
     )

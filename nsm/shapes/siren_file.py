@@ -83,12 +83,12 @@ def read_layers(file: Path, inputs: Collection[int] = (2, 3), outputs: int = 1) 
         state = torch.load(file, map_location="cpu", weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError, OSError, KeyError, ValueError) as error:
         raise InputError(
-            f"{file} must be a state dict written by torch.save, got {type(error).__name__}. Try "
+            f"`{file}` must be a state dict written by torch.save, got {type(error).__name__}. Try "
             "`path=official/ni/kitten.pth`; the file may be truncated."
         ) from error
     if not isinstance(state, dict) or not state or not all(isinstance(v, Tensor) for v in state.values()):
         raise InputError(
-            f"{file} must be a state dict of tensors, got {type(state).__name__}. Try `path=official/ni/kitten.pth`."
+            f"`{file}` must be a state dict of tensors, got {type(state).__name__}. Try `path=official/ni/kitten.pth`."
         )
     depth = len(state) // 2
     names = [f"net.{i}.0.{kind}" for i in range(depth) for kind in ("weight", "bias")]
@@ -97,7 +97,7 @@ def read_layers(file: Path, inputs: Collection[int] = (2, 3), outputs: int = 1) 
             names[-2:] = [f"net.{depth - 1}.weight", f"net.{depth - 1}.bias"]
         if set(names) != set(state) or depth < 2:
             raise InputError(
-                f"{file} must have the keys net.0.0.weight, net.0.0.bias, net.1.0.weight, …, got "
+                f"`{file}` must have the keys net.0.0.weight, net.0.0.bias, net.1.0.weight, …, got "
                 f"{', '.join(list(state)[:3])}, …. Try `path=official/ni/kitten.pth` for an example."
             )
     return _checked(file, [state[name].float() for name in names], inputs, outputs)
@@ -109,16 +109,18 @@ def _checked(file: Path, layers: list[Tensor], inputs: Collection[int], outputs:
     if found not in inputs:
         reason = ", which is a trained morph, whose fourth input is time" if found == 4 else ""
         wanted = " or ".join(map(str, inputs))
-        raise InputError(f"{file} must have {wanted} inputs, got {found}{reason}. Try a network with {wanted} inputs.")
+        raise InputError(
+            f"`{file}` must have {wanted} inputs, got {found}{reason}. Try a network with {wanted} inputs."
+        )
     expected = [(width, found), *[(width, width)] * (len(weights) - 2), (outputs, width)]
     shapes = [tuple(w.shape) for w in weights]
     if shapes != expected or any(b.shape != w.shape[:1] for w, b in zip(weights, biases, strict=True)):
         raise InputError(
-            f"{file} must have layers of one width and {outputs} output{'s' * (outputs != 1)}, {expected}, got "
+            f"`{file}` must have layers of one width and {outputs} output{'s' * (outputs != 1)}, {expected}, got "
             f"{shapes}. Try `path=official/ni/kitten.pth` for an example."
         )
     if not all(bool(t.isfinite().all()) for t in layers):
-        raise InputError(f"{file} must have finite weights, got some that are not. Try a fresh copy of the file.")
+        raise InputError(f"`{file}` must have finite weights, got some that are not. Try a fresh copy of the file.")
     return layers
 
 

@@ -59,7 +59,7 @@ def svg_outline(file: Path) -> list[np.ndarray]:
             loops += [np.asarray(ring.coords)[:-1] for ring in (part.exterior, *part.interiors)]
     if not loops:
         raise InputError(
-            f"{file} must hold a filled or closed path, got {len(shapes)} shapes without one. Try filling it."
+            f"`{file}` must hold a filled or closed path, got {len(shapes)} shapes without one. Try filling it."
         )
     return loops
 

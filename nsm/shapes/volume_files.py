@@ -50,13 +50,13 @@ def read_voxels(file: Path) -> Voxels:
     values = values.reshape(values.shape[:3]) if values.ndim > 3 and set(values.shape[3:]) == {1} else values
     if values.ndim != 3:
         raise InputError(
-            f"{file} must hold a volume with three axes, got an array of shape {tuple(values.shape)}. Try saving one "
+            f"`{file}` must hold a volume with three axes, got an array of shape {tuple(values.shape)}. Try saving one "
             "volume of labels."
         )
     affine = np.asarray(affine, dtype=np.float64)
     if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) < 1e-30:
         raise InputError(
-            f"{file} must place its voxels by a matrix that can be inverted, got {affine[:3, :3].tolist()}. Try "
+            f"`{file}` must place its voxels by a matrix that can be inverted, got {affine[:3, :3].tolist()}. Try "
             "`spacing=[1,1,1]`."
         )
     return Voxels(values, affine)
