@@ -143,7 +143,7 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("format=glb",), "for a morph in 2D, got glb. Try `format=obj`"),
         (("exact_volume=yes",), "`exact_volume` must be true or false, got yes"),
         (("seconds=0",), "`seconds` must be positive and finite, got 0"),
-        (("advect=true",), "has no velocity, so nothing can be"),
+        (("advect=true",), "must have a velocity to advect a surface"),
         (("advect=true", "exact_volume=true"), "`exact_volume=true` must come without `advect=true`"),
         (("mesh=ball.ply",), "Try `advect=true mesh=ball.ply`"),
         (
