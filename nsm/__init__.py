@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from nsm.library import TrainedMorph, load_morph, load_official, morph
     from nsm.metrics.evaluation import evaluate_morph
     from nsm.metrics.volume_curve import volume_curve
-    from nsm.morphs.advected import carry_mesh
+    from nsm.morphs.advected import advect_mesh
     from nsm.morphs.exact_ends import ExactEnds
     from nsm.morphs.surfaces import extract_frame
     from nsm.shapes import MeshFile, PointCloud
@@ -38,7 +38,7 @@ __all__ = [
     "PointCloud",
     "TrainedMorph",
     "__version__",
-    "carry_mesh",
+    "advect_mesh",
     "evaluate_morph",
     "extract_frame",
     "load_morph",
@@ -58,7 +58,7 @@ _MODULES = {
     "Morph": "nsm.types",
     "PointCloud": "nsm.shapes",
     "TrainedMorph": "nsm.library",
-    "carry_mesh": "nsm.morphs.advected",
+    "advect_mesh": "nsm.morphs.advected",
     "evaluate_morph": "nsm.metrics.evaluation",
     "extract_frame": "nsm.morphs.surfaces",
     "load_morph": "nsm.library",

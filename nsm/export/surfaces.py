@@ -15,12 +15,12 @@ from nsm.cli.progress import Progress
 from nsm.export.correspondences import write_correspondences
 from nsm.export.request import Request
 from nsm.morphs.advected import (
-    Carried,
+    AdvectedMesh,
     LevelProjection,
-    carry_mesh,
-    carry_surface,
+    advect_mesh,
+    advect_surface,
     correspondences,
-    placed,
+    place_mesh,
     velocity_of,
 )
 from nsm.morphs.surfaces import ExactVolume, Frame, extract_frame, zero_level
@@ -102,17 +102,17 @@ class Advected(Surfaces):
     def __init__(self, request: Request) -> None:
         super().__init__(request)
         velocity_of(self.morph)
-        self._mesh = None if request.mesh is None else placed(self.morph, load_textured(request.mesh))
-        self._carried: Carried
+        self._mesh = None if request.mesh is None else place_mesh(self.morph, load_textured(request.mesh))
+        self._advected: AdvectedMesh
 
     @property
     def attributes(self) -> Attributes:
         """Those of the given mesh; colors by position at t = 0 if it has neither colors nor texture coordinates."""
-        given = self._carried.attributes
+        given = self._advected.attributes
         return given if given.colors is not None or given.uv is not None else Attributes(colors=self._start_colors)
 
     def extract(self, time: float) -> Frame:
-        mesh = self._carried.mesh(self._carried.times.index(time))
+        mesh = self._advected.mesh(self._advected.times.index(time))
         with torch.no_grad():
             return Frame(time, 0.0, mesh, normalize(self.morph.gradient(mesh.vertices, time), dim=1))
 
@@ -122,15 +122,15 @@ class Advected(Surfaces):
         times = sorted({0.0, *self.request.times, 1.0})
         if self._mesh is None:
             resolution = self.request.resolution
-            self._carried = carry_surface(self.morph, times, resolution, project=project, progress=progress.update)
+            self._advected = advect_surface(self.morph, times, resolution, project=project, progress=progress.update)
         else:
-            self._carried = carry_mesh(self.morph, self._mesh, times, project=project, progress=progress.update)
+            self._advected = advect_mesh(self.morph, self._mesh, times, project=project, progress=progress.update)
 
     def write_companions(self, folder: Path) -> None:
         """Write correspondences if they are requested."""
         if not self.request.correspondences:
             return
-        found = correspondences(self.morph, self._carried, self.request.resolution)
+        found = correspondences(self.morph, self._advected, self.request.resolution)
         colors = self.attributes.colors
         write_correspondences(
             folder,
@@ -142,7 +142,7 @@ class Advected(Surfaces):
 
     @cached_property
     def _start_colors(self) -> Tensor:
-        start = self._carried.vertices[0]
+        start = self._advected.vertices[0]
         return position_colors(start, torch.stack([start.amin(0), start.amax(0)]))
 
 

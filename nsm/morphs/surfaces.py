@@ -16,14 +16,13 @@ from nsm.cli.errors import InputError
 from nsm.geometry.level import level_of_volume
 from nsm.geometry.meshing import extract_surface, open_sides
 from nsm.geometry.volume import volume
+from nsm.shapes.base import VOLUME_RESOLUTION
 from nsm.types import Morph, SimplexMesh
 
 log = logging.getLogger(__name__)
 
 #: Maps a time to the level of f to extract.
 Levels = Callable[[float], float]
-#: Cells along the box on which the volume at t = 0 is measured, by dimension.
-VOLUME_RESOLUTION = {2: 512, 3: 128}
 #: Absolute level, in units of length, above which the change of volume is too large to be corrected invisibly.
 LARGE_LEVEL = 0.01
 

@@ -1,16 +1,22 @@
-"""The server of the page: opening it on a free port, and closing it."""
+"""The server of the page: opening it on a free port for pages of this machine, and closing it."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import logging
+import re
 import socket
+from collections.abc import Iterator
+from functools import partial
 
 import viser
+from websockets.asyncio import server as websockets_server
 
 from nsm.cli.errors import InputError
 
+#: Addresses that stand for all of this machine, under whatever name another machine knows it.
+_WILDCARDS = ("0.0.0.0", "::", "")
 #: Number of ports that are tried in search of a free one.
 _TRIES = 100
 
@@ -30,13 +36,33 @@ def open_server(host: str, port: int | None) -> viser.ViserServer:
     if port not in (None, free):
         raise InputError(f"`port` must be free, got {port}, which is in use on {host}. Try `port={free}`.")
     logging.getLogger("websockets").setLevel(logging.WARNING)  # it logs every connection
-    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of addresses
+    with contextlib.redirect_stdout(io.StringIO()), _own_pages_only(host):  # viser prints a table of addresses
         server = viser.ViserServer(host, free, verbose=False)
     if server.get_port() != free:  # another process was faster
         close_server(server)
         other = free_port(host, free)
         raise InputError(f"`port` must be free, got {free}, which is in use on {host}. Try `port={other}`.")
     return server
+
+
+@contextlib.contextmanager
+def _own_pages_only(host: str) -> Iterator[None]:
+    """Let a server that starts within the context refuse the pages of other sites.
+
+    Any site that the user visits could otherwise connect to the viewer and change its settings. Pages of this machine
+    may come from any port, as they do through a tunnel. viser has no option for this, so its call is given one here.
+    """
+    if host in _WILDCARDS:
+        yield
+        return
+    names = "|".join(re.escape(name) for name in ("localhost", "127.0.0.1", "[::1]", host, f"[{host}]"))
+    origins = [None, re.compile(rf"https?://({names})(:\d+)?")]  # programs other than browsers send no origin
+    serve = websockets_server.serve
+    websockets_server.serve = partial(serve, origins=origins)  # type: ignore[misc, assignment]
+    try:
+        yield
+    finally:
+        websockets_server.serve = serve  # type: ignore[misc]
 
 
 def close_server(server: viser.ViserServer) -> None:

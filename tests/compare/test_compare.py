@@ -180,7 +180,7 @@ def test_every_seed_has_a_folder_of_its_own_and_overrides_add_up() -> None:
         (["minutes=null", "steps=1.5"], "`steps` must be a positive integer, got 1.5"),
         (["seeds=[1,1]"], "not to be drawn from"),
         (["times=1"], "`times` must be an integer of at least 2, got 1"),
-        (["ends=soft"], "`ends` must be exact or network, got soft"),
+        (["ends=soft"], "`ends` must be one of exact, network, got soft"),
     ],
 )
 def test_what_cannot_be_compared_is_told_in_a_sentence(overrides: list[str], told: str) -> None:

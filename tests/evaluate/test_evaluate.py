@@ -173,7 +173,7 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
             "`volume_resolution` must be an integer of at least 8",
         ),
         (("official=kitten_fandisk", "threads=0"), "`threads` must be a positive integer, got 0"),
-        (("official=kitten_fandisk", "ends=soft"), "`ends` must be exact or network, got soft"),
+        (("official=kitten_fandisk", "ends=soft"), "`ends` must be one of exact, network, got soft"),
         (("official=kitten_fandisk", "shell_width=0"), "`shell_width` must be positive and finite, got 0"),
         (("official=kitten_fandisk", "shell_width=wide"), "`shell_width` must be positive and finite, got wide"),
         (("official=kitten_fandisk", "slices.times=[soon]"), "`slices.times` must be a number of times"),

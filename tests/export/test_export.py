@@ -143,7 +143,7 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("format=glb",), "for a morph in 2D, got glb. Try `format=obj`"),
         (("exact_volume=yes",), "`exact_volume` must be true or false, got yes"),
         (("seconds=0",), "`seconds` must be positive and finite, got 0"),
-        (("advect=true",), "has no velocity, so nothing can be"),
+        (("advect=true",), "must have a velocity to advect a surface"),
         (("advect=true", "exact_volume=true"), "`exact_volume=true` must come without `advect=true`"),
         (("mesh=ball.ply",), "Try `advect=true mesh=ball.ply`"),
         (
@@ -153,9 +153,9 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("format=pt2", "coordinates=source"), "`coordinates` must be morph for `format=pt2`"),
         (("coordinates=world",), "`coordinates` must be one of morph, source, target, got world"),
         (("threads=-1",), "`threads` must be a positive integer, got -1"),
-        (("ends=mesh",), "`ends` must be exact or network, got mesh. Try `ends=exact`."),
+        (("ends=mesh",), "`ends` must be one of exact, network, got mesh. Try `ends=exact`."),
         (("checkpoint=null", "official=cow_dog"), "`official` must be one of kitten_fandisk"),
-        (("output=a.ckpt",), "cannot be written"),
+        (("output=a.ckpt",), "must be writable"),
     ],
 )
 def test_what_cannot_be_exported(

@@ -1,4 +1,4 @@
-"""Checkpoints: the same field comes back, and a file that is no checkpoint of ours does nothing."""
+"""Checkpoints: the same field comes back, and files that are not checkpoints of nsm have no effect."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from nsm.fields import Free, NullDiv, VectorSiren, Velocity
 from nsm.geometry.advection import RungeKutta, advect
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.topology import enclosed_volume
-from nsm.morphs.advected import LevelProjection, carry_mesh, carry_surface, correspondences, placed
+from nsm.morphs.advected import LevelProjection, advect_mesh, advect_surface, correspondences, place_mesh
 from nsm.morphs.growth import Grown, VolumeLinear
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball, SirenFile
@@ -36,7 +36,7 @@ from nsm.types import Jet, SimplexMesh
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_carried_surface_keeps_its_volume_and_lies_on_the_moving_one(motion: type, dim: int) -> None:
     morph = motion(dim)
-    carried = carry_surface(morph, [0.0, 0.5, 1.0], 24)
+    carried = advect_surface(morph, [0.0, 0.5, 1.0], 24)
     volumes = [enclosed_volume(carried.mesh(index)) for index in range(3)]
     assert volumes == pytest.approx([volumes[0]] * 3, rel=1e-7)
     values = torch.stack([morph(x, t) for x, t in zip(carried.vertices, carried.times, strict=True)])
@@ -45,7 +45,7 @@ def test_a_carried_surface_keeps_its_volume_and_lies_on_the_moving_one(motion: t
 
 def test_a_growing_ball_grows() -> None:
     morph = MOTIONS["growing_ball"](3)
-    carried = carry_surface(morph, [1.0, 0.0], 24)
+    carried = advect_surface(morph, [1.0, 0.0], 24)
     growth = enclosed_volume(carried.mesh(0)) / enclosed_volume(carried.mesh(1))
     assert growth == pytest.approx(morph.volume(1.0) / morph.volume(0.0), rel=0.01)
     assert float(morph(carried.vertices[0], 1.0).abs().max()) < 0.01
@@ -53,7 +53,7 @@ def test_a_growing_ball_grows() -> None:
 
 def test_a_grown_morph_carries_to_its_wanted_volume() -> None:
     morph = Grown(squashed_ball(3), VolumeLinear(3, 1.0, 1.5))
-    carried = carry_surface(morph, [0.0, 1.0], 24)
+    carried = advect_surface(morph, [0.0, 1.0], 24)
     assert enclosed_volume(carried.mesh(1)) / enclosed_volume(carried.mesh(0)) == pytest.approx(1.5, rel=1e-5)
 
 
@@ -98,7 +98,7 @@ def test_attributes_and_connectivity_are_left_alone_and_seams_stay_closed() -> N
     mesh = ball_mesh(3, 24)
     twice = SimplexMesh(torch.cat([mesh.vertices, mesh.vertices[:50]]), mesh.simplices)
     look = Attributes(torch.rand(len(twice.vertices), 3), others={"weight": torch.rand(len(twice.vertices))})
-    carried = carry_mesh(squashed_ball(3), TexturedMesh(twice, look), [0.5, 1.0], RungeKutta(8))
+    carried = advect_mesh(squashed_ball(3), TexturedMesh(twice, look), [0.5, 1.0], RungeKutta(8))
     assert carried.times == [0.5, 1.0]
     assert carried.vertices.shape == (2, *twice.vertices.shape)
     assert torch.equal(carried.simplices, twice.simplices)
@@ -110,38 +110,38 @@ def test_attributes_and_connectivity_are_left_alone_and_seams_stay_closed() -> N
 
 def test_correspondences_are_those_of_the_exact_motion() -> None:
     morph = rotating_box(3)
-    carried = carry_surface(morph, [0.0, 1.0], 32)
+    carried = advect_surface(morph, [0.0, 1.0], 32)
     pairs = correspondences(morph, carried, 32)
     expected = trajectory(morph, pairs.source_points, 1.0)
     cell = 2 / 32
     assert float((pairs.target_points - expected).norm(dim=1).max()) < cell / 2
     torch.testing.assert_close((pairs.target_points - expected).norm(dim=1), pairs.distances, rtol=0, atol=1e-6)
     assert float(pairs.distances.mean()) < 0.05 * cell
-    with pytest.raises(InputError, match="give times from 0 to 1"):
-        correspondences(morph, carry_surface(morph, [0.0, 0.5], 16), 16)
+    with pytest.raises(InputError, match="must go from 0 to 1 for correspondences"):
+        correspondences(morph, advect_surface(morph, [0.0, 0.5], 16), 16)
 
 
 def test_a_morph_without_velocity_says_so_in_one_sentence() -> None:
-    with pytest.raises(InputError, match="has no velocity, so nothing can be carried"):
-        carry_surface(shrinking(3, 0.1), [0.0, 1.0], 16)
+    with pytest.raises(InputError, match="must have a velocity to advect a surface"):
+        advect_surface(shrinking(3, 0.1), [0.0, 1.0], 16)
 
 
 def test_a_morph_without_surface_at_the_start() -> None:
     morph = translating_ball(2)
     morph.bounds = morph.bounds + 5
-    with pytest.raises(InputError, match="no surface at t = 0"):
-        carry_surface(morph, [0.0, 1.0], 16)
+    with pytest.raises(InputError, match="high enough to show a surface at t = 0"):
+        advect_surface(morph, [0.0, 1.0], 16)
     empty = SimplexMesh(torch.empty(0, 2), torch.empty(0, 2, dtype=torch.long))
-    with pytest.raises(InputError, match="without vertices"):
-        carry_mesh(morph, TexturedMesh(empty), [0.0, 1.0])
+    with pytest.raises(InputError, match="must have vertices to be advected"):
+        advect_mesh(morph, TexturedMesh(empty), [0.0, 1.0])
 
 
 def test_points_that_lose_the_surface_are_reported(caplog: pytest.LogCaptureFixture) -> None:
     far = SimplexMesh(torch.tensor([[0.9, 0.9], [0.8, 0.9]], dtype=torch.float64), torch.tensor([[0, 1]]))
     morph = translating_ball(2)
     with caplog.at_level(logging.WARNING):
-        carried = carry_mesh(morph, TexturedMesh(far), [0.0, 1.0], project=LevelProjection(morph))
-    assert "66 of 66 moves to the surface" in caplog.text
+        carried = advect_mesh(morph, TexturedMesh(far), [0.0, 1.0], project=LevelProjection(morph))
+    assert "66 of 66 projections found no surface" in caplog.text
     torch.testing.assert_close(carried.vertices[1], trajectory(morph, far.vertices, 1.0))
 
 
@@ -151,16 +151,16 @@ def test_a_mesh_is_placed_where_the_source_lies(caplog: pytest.LogCaptureFixture
     morph = NeuralMorph(field, None, source, source)
     mesh = TexturedMesh(SimplexMesh(torch.tensor([[3.5, 0, 0], [3, 0.5, 0], [3, 0, 0.5]]), torch.tensor([[0, 1, 2]])))
     with caplog.at_level(logging.WARNING):
-        there = placed(morph, mesh)
+        there = place_mesh(morph, mesh)
     torch.testing.assert_close(there.mesh.vertices, torch.eye(3) / 2)
     assert "from the surface at t = 0" in caplog.text  # for f is no ball of that radius
-    with pytest.raises(InputError, match="knows no coordinates"):
-        placed(rotating_box(3), mesh)
+    with pytest.raises(InputError, match="has no coordinates of a file"):
+        place_mesh(rotating_box(3), mesh)
 
 
 def test_a_published_mesh_lies_on_its_network_wherever_that_is_posed(data_dir: Path) -> None:
     pose = {"rotation": [0, 30, 0], "scale": 0.7, "translation": [0.1, 0, 0]}
     source = SirenFile(str(data_dir / "official" / "ni" / "cylinder.pth"), pose=pose)
     mesh = load_textured(data_dir / "official" / "meshes" / "cylinder.ply")
-    vertices = placed(NeuralMorph(shrinking(3, 0.1).field, None, source, source), mesh).mesh.vertices
+    vertices = place_mesh(NeuralMorph(shrinking(3, 0.1).field, None, source, source), mesh).mesh.vertices
     assert float(source(vertices[::20]).abs().mean()) < 0.005

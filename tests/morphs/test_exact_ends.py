@@ -16,7 +16,7 @@ from nsm.geometry.meshing import extract_surface
 from nsm.geometry.topology import enclosed_volume
 from nsm.geometry.volume import volume
 from nsm.metrics.residuals import rate
-from nsm.morphs.advected import carry_surface
+from nsm.morphs.advected import advect_surface
 from nsm.morphs.growth import Grown, VolumeLinear
 from nsm.morphs.surfaces import ExactVolume, extract_frame
 from nsm.types import Morph
@@ -26,7 +26,7 @@ TIMES = (0.01, 0.2, 0.5, 0.93)
 
 
 class Missing(Morph):
-    """A motion whose f lacks bumps that the flow carries from both ends: f = exact − cos² b₀(φ) − sin² b₁(φ)."""
+    """A motion whose f lacks bumps, which the flow advects from both ends: f = exact − cos² b₀(φ) − sin² b₁(φ)."""
 
     def __init__(self, motion: LinearMotion) -> None:
         self.motion, self.dim = motion, motion.dim
@@ -184,13 +184,13 @@ def test_volume_growth_and_transport_take_it(dim):
     assert torch.allclose(grown(scale * x, 0.5), scale * morph(x, 0.5))
     assert torch.allclose(grown.gradient(scale * x, 0.5), morph.gradient(x, 0.5))
 
-    carried = carry_surface(morph, [0.5, 1.0], 24, RungeKutta(8))
-    for t, vertices in zip(carried.times, carried.vertices, strict=True):
+    advected = advect_surface(morph, [0.5, 1.0], 24, RungeKutta(8))
+    for t, vertices in zip(advected.times, advected.vertices, strict=True):
         assert morph(vertices, t).abs().max() < 4e-3
     assert torch.equal(morph.velocity(x, 0.5), motion.velocity(x, 0.5))
     assert torch.equal(morph.divergence(x, 0.5), motion.divergence(x, 0.5))
 
 
-def test_without_a_velocity_there_is_nothing_to_carry_along():
-    with pytest.raises(InputError, match="has no velocity"):
+def test_without_a_velocity_detail_cannot_be_advected():
+    with pytest.raises(InputError, match="must have a velocity"):
         ExactEnds(shrinking(2, 0.1))

@@ -85,16 +85,16 @@ def test_half_way_a_translated_ball_is_in_the_middle(morph: TransportMorph) -> N
 
 def test_f_is_a_distance_near_the_surface_and_constant_beyond_the_kernel(morph: TransportMorph) -> None:
     direction = torch.nn.functional.normalize(torch.randn(200, morph.dim), dim=1)
-    centre = torch.tensor([-0.4, 0.1, 0.0])[: morph.dim]
+    center = torch.tensor([-0.4, 0.1, 0.0])[: morph.dim]
     for distance in (-0.05, 0.0, 0.05):
-        x = centre + (0.4 + distance) * direction
+        x = center + (0.4 + distance) * direction
         f = morph(x, 0.0)
         assert float(f.mean()) == pytest.approx(distance, abs=0.012)
         gradient = morph.gradient(x, 0.0)
         assert float((gradient * direction).sum(1).mean()) == pytest.approx(1, abs=0.15)
     far = torch.full((1, morph.dim), 0.99)
     assert float(morph(far, 0.0) + morph.offset) == pytest.approx(REACH * morph.kernel, rel=1e-3)
-    assert float(morph(centre[None], 0.0)) < -0.07
+    assert float(morph(center[None], 0.0)) < -0.07
 
 
 def test_the_gradient_is_the_difference_of_f(morph: TransportMorph) -> None:

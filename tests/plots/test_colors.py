@@ -8,7 +8,7 @@ from analytic import shrinking
 from problems import growing_ball, rotating_box, squashed_ball, squashed_box, translating_ball
 
 from nsm.cli.errors import InputError
-from nsm.morphs.advected import carry_surface
+from nsm.morphs.advected import advect_surface
 from nsm.morphs.surfaces import extract_frame
 from nsm.plots.colors import RESIDUALS, advected_colors, colormap, position_colors, residual_colors, surface_bounds
 
@@ -64,7 +64,7 @@ def test_places_beyond_the_bounds_have_the_colors_of_the_rim_and_scale_does_not_
 @pytest.mark.parametrize("dim", [2, 3])
 def test_points_keep_the_colors_of_where_they_came_from(motion: type, dim: int) -> None:
     morph = motion(dim)
-    carried = carry_surface(morph, [0.0, 0.4, 1.0], 16)
+    carried = advect_surface(morph, [0.0, 0.4, 1.0], 16)
     expected = position_colors(carried.vertices[0], surface_bounds(morph, 0.0))
     for points, time in zip(carried.vertices, carried.times, strict=True):
         assert float((advected_colors(morph, points, time) - expected).abs().max()) < 1e-3
@@ -94,7 +94,7 @@ def test_a_residual_has_its_place_on_the_colormap() -> None:
 def test_what_cannot_be_colored_is_said_in_one_sentence() -> None:
     points = torch.zeros(1, 3)
     morph = shrinking(3, 0.1)
-    with pytest.raises(InputError, match="has no velocity"):
+    with pytest.raises(InputError, match="must have a velocity to advect"):
         advected_colors(morph, points, 0.5)
     with pytest.raises(InputError, match="needs a morph with a velocity"):
         residual_colors(morph, points, 0.5, "level_set")

@@ -15,6 +15,8 @@ from unittest import mock
 
 import pytest
 from analytic import run_here, save, sentence, shrinking, unreadable
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from nsm.cli.errors import InputError
 from nsm.io.loading import LoadedMorph
@@ -89,6 +91,15 @@ def test_values_that_the_controls_do_not_offer_are_ignored(viewer: Viewer) -> No
     viewer.play(True)
     time.sleep(0.1)
     assert not viewer.wait(0)
+
+
+def test_pages_of_other_sites_are_refused(viewer: Viewer) -> None:
+    address = viewer.url.replace("http", "ws")
+    with connect(address, origin="http://localhost:9000"):  # through a tunnel
+        pass
+    for origin in ("https://example.com", "http://127.0.0.1.example.com"):
+        with pytest.raises(InvalidStatus, match="403"), connect(address, origin=origin):
+            pass
 
 
 def test_wait_raises_the_failure_of_a_thread() -> None:
