@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from nsm.cli.files import whole_file
-from nsm.plots.curves import COLOURS
+from nsm.plots.curves import COLORS
 
 #: Inches of one bar and of a panel without its bars.
 _BAR, _FRAME = 0.24, 0.75
@@ -36,7 +36,7 @@ def plot_bars(path: Path | str, panels: Mapping[str, Mapping[str, Mapping[str, f
                 [place + (number - (len(groups) - 1) / 2) * thickness for place, _ in known],
                 [value for _, value in known],
                 height=0.9 * thickness,
-                color=COLOURS[number % len(COLOURS)],
+                color=COLORS[number % len(COLORS)],
                 label=group,
             )
             axes.bar_label(bars, fmt="%.3g", padding=2, fontsize="x-small")

@@ -1,4 +1,4 @@
-"""All pairs of a study in one table: for each, how near it comes to what a user asks of a morph."""
+"""Table of all pairs of a study with the figures that a user cares about most."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import NamedTuple
 from nsm.compare.plan import OFFICIAL
 from nsm.compare.results import Result
 from nsm.compare.tabulate import cell, of_row
+from nsm.metrics import find_metric
+from nsm.metrics.unit import Unit
 from nsm.plots.tables import Column, Table
 
 #: Figures by name.
@@ -16,60 +18,78 @@ Figures = Mapping[str, float | None]
 
 
 class _Goal(NamedTuple):
-    """A column: its heading, the figures of which it shows the greatest, and places after the point."""
+    """A column.
 
-    head: str
+    Attributes:
+        heading: Heading of the column.
+        figures: Figures of which it shows the greatest.
+    """
+
+    heading: str
     figures: tuple[str, ...]
-    digits: int | None = None
+
+    @property
+    def unit(self) -> Unit:
+        """Unit of the figures."""
+        return find_metric(self.figures[0]).unit
 
 
 _VOLUME = (_Goal("volume std", ("volume std",)), _Goal("volume max", ("volume max",)))
 _WAYS = ("morph to shape", "shape to morph")
-#: Of the morph with exact ends.
+#: Columns of the morph with exact ends.
 _EXACT = (
     _Goal("distance, exact ends", tuple(f"{way} t={t}" for way in _WAYS for t in (0, 1))),
-    _Goal("normals, exact ends (°)", ("normal error t=0", "normal error t=1"), 1),
+    _Goal("normals, exact ends (°)", ("normal error t=0", "normal error t=1")),
 )
-#: Of the network alone.
+#: Columns of the network alone.
 _NETWORK = (
     *(_Goal(f"{way.replace(' to ', '→')} t={t}", (f"{way} t={t}",)) for way in _WAYS for t in (0, 1)),
-    _Goal("normals t=0 (°)", ("normal error t=0",), 1),
-    _Goal("normals t=1 (°)", ("normal error t=1",), 1),
+    _Goal("normals t=0 (°)", ("normal error t=0",)),
+    _Goal("normals t=1 (°)", ("normal error t=1",)),
 )
 _SURFACE = (
-    _Goal("most components", ("most pieces",), 0),
-    _Goal("fewest", ("fewest pieces",), 0),
+    _Goal("most components", ("most pieces",)),
+    _Goal("fewest", ("fewest pieces",)),
     _Goal("‖∇f‖ least", ("gradient norm least",)),
     _Goal("‖∇f‖ greatest", ("gradient norm greatest",)),
     _Goal("dihedral ½ / ends", ("roughness at 1/2",)),
 )
-_MINUTES = "minutes, fits included"
+#: Column of the time that a run takes, and its unit.
+_MINUTES, _MINUTE = "minutes, fits included", Unit("minute", decimals=1)
 
 
 def goals_table(results: Sequence[Result], pairs: Sequence[str], methods: Sequence[str]) -> Table:
-    """The main figures of all pairs: a row a pair and method, a column a figure.
+    """Tabulate the main figures of all pairs, a row per pair and method, a column per figure.
 
-    Volume and surface are those of the morph as a user sees it. Distances and normals come twice where it has exact
-    ends: with them, and of the network alone, which are the only ones for a method without exact ends.
+    Volume and surface are those of the morph as a user sees it. Distances and normals of a morph with exact ends appear
+    twice: with exact ends, and of the network alone. A morph without exact ends has only the latter.
+
+    Args:
+        results: Results of the study.
+        pairs: Pairs, in order.
+        methods: Methods, in order.
     """
     exact = any(result.network_figures for result in results)
-    takes: dict[str, tuple[int | None, Callable[[Result], float | None]]] = {}
+    units: dict[str, Unit] = {}
+    takes: dict[str, Callable[[Result], float | None]] = {}
     for goals, source in (
         (_VOLUME, _seen),
         (_EXACT if exact else (), _with_exact_ends),
         (_NETWORK, _of_network),
         (_SURFACE, _seen),
     ):
-        takes |= {goal.head: (goal.digits, partial(_greatest, source=source, names=goal.figures)) for goal in goals}
-    takes[_MINUTES] = (1, _minutes)
+        units |= {goal.heading: goal.unit for goal in goals}
+        takes |= {goal.heading: partial(_greatest, source=source, names=goal.figures) for goal in goals}
+    units[_MINUTES], takes[_MINUTES] = _MINUTE, _minutes
     named = {_row(pair, method): (pair, method) for pair in pairs for method in methods}
     cells = {
-        (row, head): found
+        (row, heading): found
         for row, (pair, method) in named.items()
-        for head, (_, take) in takes.items()
+        for heading, take in takes.items()
         if (found := cell(of_row(results, pair, method), take)) is not None
     }
-    columns = [Column(head, None, digits) for head, (digits, _) in takes.items()]
+    # no value is marked as best, since rows are of different pairs
+    columns = [Column(heading, None, unit) for heading, unit in units.items()]
     shown = {row for row, _ in cells}
     return Table(_title(exact), columns, [row for row in named if row in shown], cells, "pair")
 

@@ -17,7 +17,7 @@ from nsm.cli.files import whole_file
 from nsm.compare.plan import OFFICIAL, Choice, Job, Study, official_pair
 from nsm.compare.record import DONE, FAILED, read_record
 from nsm.io.loading import PUBLISHED, LoadedMorph, load_published, load_run
-from nsm.metrics import MEANINGS, Protocol, evaluate_morph
+from nsm.metrics import Protocol, all_metrics, evaluate_morph
 from nsm.types import Morph
 
 #: Rows at the end of a log of which the mean is taken, since one batch alone is noisy.
@@ -122,17 +122,16 @@ def _evaluated(
 ) -> Result:
     """The result with its figures, from ``evaluation.json`` if that is of the same key."""
     # a version that measures more measures again
-    names = hashlib.sha256("\n".join(MEANINGS).encode()).hexdigest()
+    names = hashlib.sha256("\n".join(metric.name for metric in all_metrics()).encode()).hexdigest()
     key = key | {"protocol": protocol.describe(), "version": nsm.__version__, "figures": names}
     file = folder / "evaluation.json"
     kept = json.loads(file.read_text()) if file.is_file() else {}
     if kept.get("key") != key:
         loaded = load()
         name = f"{bare.pair}/{bare.method}"
-        result = evaluate_morph(loaded.morph, protocol, lambda stage: tell(f"{name}: {stage}"))
+        flow_error = None if loaded.exact is None else loaded.exact.flow_error
+        result = evaluate_morph(loaded.morph, protocol, lambda stage: tell(f"{name}: {stage}"), flow_error)
         network: dict[str, float | None] = {}
-        if loaded.exact is not None:
-            result = result._replace(flow=loaded.exact.flow_error())
         if loaded.network is not None:
             without = evaluate_morph(loaded.network, protocol, lambda stage: tell(f"{name} (network): {stage}"))
             network = without.to_dict()["figures"]

@@ -13,16 +13,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 
 from nsm.cli import entry
 from nsm.cli.settings import moments, number, positive, use_threads, whole_number
+from nsm.evaluate.tables import print_table
 from nsm.evaluate.writers import write_evaluations
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder
-from nsm.metrics import STAGES, Evaluation, Protocol, evaluate_morph, table
+from nsm.metrics import STAGES, Evaluation, Protocol, evaluate_morph
 from nsm.plots.slices import Plane, plot_residual_slices, require_slices
 from nsm.plots.strip import try_strip
 
 log = logging.getLogger(__name__)
 
-#: Characters that the names of the figures and the numbers of one morph take.
-_NAMES_WIDTH, _COLUMN_WIDTH = 32, 14
 #: Pictures that are drawn of all morphs of one dimension.
 _PICTURES = 2
 
@@ -103,28 +102,18 @@ def _measure(subjects: list[LoadedMorph], protocol: Protocol, bar: Progress) -> 
             bar.update(task, completed=len(started), description=f"{name}: {stage}".replace("[", r"\["))
             started.append(stage)
 
-        result = evaluate_morph(subject.morph, protocol, tell)
-        flow = None if subject.exact is None else subject.exact.flow_error()
-        results[subject.name] = result._replace(flow=flow)
+        flow_error = None if subject.exact is None else subject.exact.flow_error
+        results[subject.name] = evaluate_morph(subject.morph, protocol, tell, flow_error)
         bar.update(task, completed=STAGES, description=f"{subject.name}: measured".replace("[", r"\["))
     return results
 
 
 def _show(results: dict[str, Evaluation], protocol: Protocol) -> None:
-    """Print the table, in parts where a terminal is too narrow for all columns at once."""
     title = (
         f"volume on {protocol.volume_resolution}^d cells at {protocol.times} times, "
         f"ends on {protocol.surface_resolution}^d"
     )
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=_NAMES_WIDTH + _COLUMN_WIDTH * len(results))
-    names, side_by_side = list(results), max(1, (console.width - _NAMES_WIDTH) // _COLUMN_WIDTH)
-    for first in range(0, len(names), side_by_side):
-        part = table({n: results[n].figures() for n in names[first : first + side_by_side]}, title=title)
-        for column in part.columns:
-            column.overflow = "fold"
-        console.print(part)
+    print_table({name: result.figures() for name, result in results.items()}, title)
 
 
 if __name__ == "__main__":

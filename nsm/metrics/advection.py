@@ -1,4 +1,4 @@
-"""Does the velocity carry the source to where the morph says it is, and keep its volume on the way?"""
+"""Advection of the source surface by V, compared with the surface of f and with the wanted volume."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from nsm.geometry.topology import enclosed_volume, subdivided
 from nsm.types import Morph, SimplexMesh
 
 
-class TransportCheck(NamedTuple):
-    """The surface at the first time, carried by V to all times.
+class AdvectionCheck(NamedTuple):
+    """The surface at the first time, advected by V to all times.
 
     Attributes:
-        times: increasing.
-        volumes: inside the carried surface, over that at the first time, and over the wanted growth: 1 where it is
-            kept.
-        errors: how far each of them may be off, as a mesh that is carried does not stay as fine as it was.
-        distances: from the vertices of the carried mesh to the surface of f; None where there is none.
+        times: Increasing times, k of them.
+        volumes: Volume inside the advected surface over the wanted volume at each time: 1 where it is kept.
+        errors: Estimated error of each of these volumes, since a mesh becomes coarser where V stretches it.
+        distances: Distances from the vertices of the advected mesh to the surface of f at each time; None where f has
+            no surface.
     """
 
     times: tuple[float, ...]
@@ -31,52 +31,53 @@ class TransportCheck(NamedTuple):
 
     @property
     def drift(self) -> float:
-        """Greatest change of the carried volume, relative to that at the start."""
+        """Greatest deviation of the advected volume from the wanted one, relative."""
         return max(abs(volume - 1) for volume in self.volumes)
 
     @property
     def error(self) -> float:
-        """Greatest of the errors: a drift below it is none that was seen."""
+        """Greatest estimated error of the volumes; a drift below it is not significant."""
         return max(self.errors)
 
     @property
     def mean_distance(self) -> float:
-        """Greatest over the times of the mean distance to f's surface; not a number where that is nowhere."""
+        """Mean distance to the surface of f at the time when it is greatest; nan where f never has a surface."""
         return max((d.mean for d in self.distances if d is not None), default=float("nan"))
 
     @property
     def maximum_distance(self) -> float:
-        """Greatest distance of a vertex to f's surface at any time; not a number where that is nowhere."""
+        """Greatest distance of a vertex to the surface of f at any time; nan where f never has a surface."""
         return max((d.maximum for d in self.distances if d is not None), default=float("nan"))
 
 
-def check_transport(
+def check_advection(
     morph: Morph, source: SimplexMesh, times: Sequence[float], meshes: Sequence[SimplexMesh]
-) -> TransportCheck | None:
-    """Carry the surface at the first time by V, without correction, and compare (theorem 1 of the paper).
+) -> AdvectionCheck | None:
+    """Advect the surface at the first time by V, without projection, and compare it with the morph.
 
-    A flow that is free of divergence on the moving surface keeps the volume inside; and one that solves the level set
-    equation stays on the surface. The surface is carried with the middles of its edges: its volume without them, V_2h,
-    and with them, V_h, give by Richardson V = V_h + (V_h − V_2h) / 3 and the error |V_h − V_2h| / 3.
+    A flow whose divergence vanishes on the moving surface keeps the volume inside (theorem 1 of the paper), and one
+    that solves the level set equation stays on the surface of f. The surface is advected with the midpoints of its
+    edges. Its volume without them, V_2h, and with them, V_h, give by Richardson extrapolation
+
+        V = V_h + (V_h − V_2h) / 3,    error = |V_h − V_2h| / 3.
 
     Args:
-        morph: the morph.
-        source: its surface at the first time, to be carried.
-        times: increasing.
-        meshes: its surface at each of them, to compare with.
+        morph: Morph to check.
+        source: Surface of the morph at the first time, which is advected.
+        times: Increasing times, k of them.
+        meshes: Surface of the morph at each time, for comparison.
 
     Returns:
-        The check; None for a morph without velocity, or without a surface at the first time.
+        The comparison; None for a morph without velocity, or without a surface at the first time.
     """
     if not len(source.simplices) or not morph.has_velocity:
         return None
     fine = subdivided(source)
-    carried = advect(cast(VelocityField, morph.velocity), fine.vertices, times)
-    # without the edges' middles
-    corners = carried[:, : len(source.vertices)]
+    advected = advect(cast(VelocityField, morph.velocity), fine.vertices, times)
+    corners = advected[:, : len(source.vertices)]
     with_middles, without, growth = torch.tensor(
         [
-            [enclosed_volume(SimplexMesh(x.double(), fine.simplices)) for x in carried],
+            [enclosed_volume(SimplexMesh(x.double(), fine.simplices)) for x in advected],
             [enclosed_volume(SimplexMesh(x.double(), source.simplices)) for x in corners],
             [morph.wanted_volume(time) / morph.wanted_volume(times[0]) for time in times],
         ],
@@ -89,4 +90,4 @@ def check_transport(
         DistanceSummary.of(closest_points(points, mesh).distances) if len(mesh.simplices) else None
         for points, mesh in zip(corners, meshes, strict=True)
     ]
-    return TransportCheck(tuple(times), tuple(volumes.tolist()), tuple(errors.tolist()), tuple(distances))
+    return AdvectionCheck(tuple(times), tuple(volumes.tolist()), tuple(errors.tolist()), tuple(distances))

@@ -1,4 +1,4 @@
-"""How well a morph begins and ends at its two shapes: distances between surfaces, normals, volume."""
+"""Deviation of a morph from its two shapes at the ends: distances between surfaces, normals, volume."""
 
 from __future__ import annotations
 
@@ -13,26 +13,34 @@ from torch.nn.functional import normalize
 
 from nsm.geometry.distance import DistanceSummary, closest_points, sample_mesh
 from nsm.geometry.meshing import extract_surface
-from nsm.geometry.volume import volume
+from nsm.geometry.volume import VOLUME_RESOLUTION, volume
 from nsm.types import Morph, SignedDistance
 
 #: Points drawn on each surface.
 SAMPLES = 20_000
-#: Step of the differences that give the normals of a shape, a share of the longest edge of the box: far below what a
-#: shape shows, far above the rounding of single precision.
+#: Cells along the longest edge of the box on which both surfaces are extracted by default.
+SURFACE_RESOLUTION = 128
+#: Step of the differences that give the normals of a shape, relative to the longest edge of the box: small against the
+#: features of a shape, large against the rounding of single precision.
 _STEP = 5e-4
 
 
 class EndpointErrors(NamedTuple):
-    """Errors of a morph at one end, in the units of its box; not a number where a surface does not exist."""
+    """Errors of a morph at one end, in the units of its box; nan where a surface does not exist.
+
+    Attributes:
+        time: Time of the end.
+        morph_to_shape: Distances from points of the morph's surface to the shape's.
+        shape_to_morph: Distances from points of the shape's surface to the morph's.
+        normal_error: Mean angle in degrees between ∇f on the morph's surface and the shape's normal at the nearest
+            point.
+        volume_error: V_morph / V_shape − 1.
+    """
 
     time: float
-    #: Distances from points of the morph's surface to the shape's, and the other way.
     morph_to_shape: DistanceSummary
     shape_to_morph: DistanceSummary
-    #: Mean angle in degrees between ∇f on the morph's surface and the shape's normal at the nearest point.
     normal_error: float
-    #: V_morph / V_shape - 1.
     volume_error: float
 
     @property
@@ -47,19 +55,26 @@ class EndpointErrors(NamedTuple):
 
 
 def endpoint_errors(
-    morph: Morph, time: float, shape: SignedDistance, resolution: int = 128, volume_resolution: int = 96
+    morph: Morph,
+    time: float,
+    shape: SignedDistance,
+    resolution: int = SURFACE_RESOLUTION,
+    volume_resolution: int = VOLUME_RESOLUTION,
 ) -> EndpointErrors:
-    """Compare the surface of a morph at ``time`` with that of a shape.
+    """Compare the surface of a morph at one time with that of a shape.
 
-    Both are extracted on ``resolution``^d cells of ``morph.bounds``. Distances are exact ones from points spread evenly
-    over one surface to the simplices of the other; so they are the distance of surfaces, which no scaling of f changes.
+    Distances are exact distances from points spread evenly over one surface to the simplices of the other. They are
+    distances between surfaces, which no scaling of f changes.
 
     Args:
-        morph: the morph.
-        time: when to look, usually 0 or 1.
-        shape: signed distance of the shape it should be then.
-        resolution: of the two surfaces.
-        volume_resolution: of the two volumes.
+        morph: Morph to compare.
+        time: Time at which to compare, usually 0 or 1.
+        shape: Signed distance of the shape that the morph should be at that time.
+        resolution: Cells along the longest edge of ``morph.bounds`` for the two surfaces.
+        volume_resolution: Cells along that edge for the two volumes.
+
+    Returns:
+        Distances both ways, angle between normals, and relative error of the volume.
     """
     field = partial(morph, t=time)
     ours, theirs = (extract_surface(f, morph.bounds, resolution) for f in (field, shape))
@@ -86,12 +101,19 @@ def endpoint_errors(
 
 
 def finite_gradient(field: SignedDistance, points: Float[Tensor, "n d"], step: float) -> Float[Tensor, "n d"]:
-    """Central differences (n, d), for fields that do not know their gradient."""
+    """Gradient of a field by central differences, shape (n, d)."""
     with torch.no_grad():
         shifts = step * torch.eye(points.shape[1], dtype=points.dtype, device=points.device)
         return torch.stack([field(points + s) - field(points - s) for s in shifts], 1) / (2 * step)
 
 
 def angles(a: Float[Tensor, "n d"], b: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
-    """Angles (n,) in radians between unit vectors; exact for small ones too, where acos is not."""
+    """Angles between unit vectors in radians, shape (n,).
+
+    2 atan2(‖a − b‖, ‖a + b‖), which is accurate at small angles too, where acos⟨a, b⟩ is not.
+
+    References:
+        W. Kahan, How futile are mindless assessments of roundoff in floating-point computation?, 2006, §12,
+        https://people.eecs.berkeley.edu/~wkahan/Mindless.pdf.
+    """
     return 2 * torch.atan2((a - b).norm(dim=1), (a + b).norm(dim=1))

@@ -1,4 +1,4 @@
-"""When and where the surface of a morph changes its topology."""
+"""Times and places at which the surface of a morph changes its topology."""
 
 from __future__ import annotations
 
@@ -15,21 +15,29 @@ from torch import Tensor
 
 from nsm.geometry import topology
 from nsm.geometry.meshing import extract_surface
+from nsm.geometry.volume import VOLUME_RESOLUTION
 from nsm.types import Morph, SimplexMesh
 
-#: Intervals of time are halved until they are this short.
+#: Length below which an interval of time is not bisected further.
 TIME_TOLERANCE = 2e-3
-#: Curvature is gathered over this many cells: more than the neck that a merging leaves within `TIME_TOLERANCE`.
+#: Width of the Gaussian that gathers curvature, in cells: wider than the neck that a merging grows within
+#: `TIME_TOLERANCE`.
 _REACH = 3.0
 
 
 class TopologyEvent(NamedTuple):
-    """A change of the surface between two times; components and genus as (before, after)."""
+    """A change of topology between two times.
+
+    Attributes:
+        times: Times before and after.
+        components: Number of components before and after.
+        genus: Genus before and after, all components together.
+        place: Position of the change in the coordinates of the box; of several at once, that of the strongest.
+    """
 
     times: tuple[float, float]
     components: tuple[int, int]
     genus: tuple[int, int]
-    #: Where it happens, in the coordinates of the box; of several at once, the strongest.
     place: tuple[float, ...]
 
 
@@ -41,17 +49,20 @@ class _State(NamedTuple):
 
 
 def topology_events(
-    morph: Morph, times: Sequence[float], meshes: Sequence[SimplexMesh], resolution: int = 96
+    morph: Morph, times: Sequence[float], meshes: Sequence[SimplexMesh], resolution: int = VOLUME_RESOLUTION
 ) -> tuple[TopologyEvent, ...]:
     """Find the changes of components and genus between times, narrow each down by bisection, and locate it.
 
-    What appears and is gone again between two of the times is not seen.
+    A change that is undone between two of the times is not found.
 
     Args:
-        morph: the morph.
-        times: increasing.
-        meshes: its surface at each of them.
-        resolution: cells along the box on which further surfaces are extracted; that of the meshes.
+        morph: Morph to examine.
+        times: Increasing times, k of them.
+        meshes: Surface of the morph at each time.
+        resolution: Cells along the box on which the meshes and further surfaces are extracted.
+
+    Returns:
+        The changes, in order of time.
     """
 
     def look(time: float) -> _State:
@@ -73,16 +84,20 @@ def topology_events(
 def change_of_topology(
     before: SimplexMesh, after: SimplexMesh, bounds: Float[Tensor, "2 d"], resolution: int
 ) -> Float[Tensor, " d"]:
-    """Where (d,) two surfaces that are almost the same differ in topology.
+    """Locate the difference in topology between two surfaces that are otherwise almost the same.
 
-    By Gauss and Bonnet the curvature of the inside of a surface sums to its Euler number, which every merging, parting,
-    appearing and vanishing changes by one; and elsewhere the curvature is nearly the same. So this is the place where
-    the curvature within a few cells changes most.
+    By the Gauss-Bonnet theorem the curvature of the inside of a surface sums to its Euler number, which changes by one
+    whenever parts merge, split, appear, or vanish; elsewhere the curvature stays nearly the same. The change is
+    therefore at the place where the curvature within a few cells differs most.
 
     Args:
-        before, after: the surfaces.
-        bounds: corners (2, d) of the box.
-        resolution: cells along its longest edge, of which the surfaces were extracted.
+        before: Surface before the change.
+        after: Surface after the change.
+        bounds: Corners of the box, lowest first, shape (2, d).
+        resolution: Cells along the longest edge of the box from which the surfaces were extracted.
+
+    Returns:
+        The place of the change, shape (d,).
     """
     vertices = torch.cat([before.vertices, after.vertices]).double().cpu().numpy()
     change = torch.cat([-topology.total_curvatures(before), topology.total_curvatures(after)]).double().cpu().numpy()
@@ -94,13 +109,13 @@ def change_of_topology(
     strongest = low + (np.array(np.unravel_index(gathered.argmax(), bins)) + 0.5) * (high - low) / bins
     weights = change * np.exp(-((vertices - strongest) ** 2).sum(1) / (2 * (_REACH * cell) ** 2))
     place = weights @ vertices / weights.sum() if weights.sum() else strongest
-    # weights of both signs may leave the neighbourhood, where only several changes at once explain the sum
+    # the mean is not near where several changes at once have weights of both signs
     near = np.linalg.norm(place - strongest) <= _REACH * cell
     return torch.as_tensor(place if near else strongest).to(bounds)
 
 
 def _narrowed(before: _State, after: _State, look: Callable[[float], _State]) -> list[tuple[_State, _State]]:
-    """The shortest intervals within one that hold a change, in order of time."""
+    """Bisect an interval into the shortest ones that hold a change, in order of time."""
     if (before.components, before.genus) == (after.components, after.genus):
         return []
     if after.time - before.time <= TIME_TOLERANCE:

@@ -1,4 +1,4 @@
-"""How evenly a motion is spread over time."""
+"""Evenness of a motion over time."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 
 class Motion(NamedTuple):
-    """Mean speed of a surface along its normal at some times, in lengths per unit of time; linear in between.
+    """Mean speed of a surface along its normal over time, interpolated linearly.
 
     Attributes:
-        times: increasing, at least two.
-        speeds: as many.
+        times: Increasing times, at least two.
+        speeds: Speed at each time, in lengths per unit of time.
     """
 
     times: Sequence[float]
@@ -21,12 +21,12 @@ class Motion(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """How far the surface moves in all, ∫ speed dt."""
+        """Distance that the surface moves in all, ∫ speed dt."""
         return self.distance_between(self.times[0], self.times[-1])
 
     @property
     def unevenness(self) -> float:
-        """Greatest speed over the mean of it: 1 for a motion of constant speed; not a number where nothing moves."""
+        """Greatest over mean speed: 1 for a motion of constant speed, nan for none."""
         mean = self.distance / (self.times[-1] - self.times[0])
         return max(self.speeds) / mean if mean > 0 else float("nan")
 
@@ -38,7 +38,7 @@ class Motion(NamedTuple):
         return middle / self.distance if self.distance > 0 else float("nan")
 
     def distance_between(self, start: float, end: float) -> float:
-        """∫ speed dt from one time to another."""
+        """Distance that the surface moves between two times, ∫ speed dt."""
         inner = [t for t in self.times if start < t < end]
-        moments = [start, *inner, end]
-        return float(np.trapezoid(np.interp(moments, self.times, self.speeds), moments))
+        nodes = [start, *inner, end]
+        return float(np.trapezoid(np.interp(nodes, self.times, self.speeds), nodes))

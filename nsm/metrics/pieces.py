@@ -1,4 +1,4 @@
-"""The components of a surface that are large enough to be seen, and those that should not be there."""
+"""Components of a surface that are large enough to be seen, and those beyond the expected number."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from nsm.geometry.distance import closest_points
 from nsm.geometry.topology import component_labels, component_volumes, simplex_normals
 from nsm.types import SimplexMesh
 
-#: A component that encloses less than this part of the volume of the largest is too small to be seen.
+#: Volume of a component, relative to that of the largest, up to which it is too small to be seen.
 LEAST_SHARE = 1e-5
 
 
 class Leftover(NamedTuple):
-    """Pieces of a surface beyond those that a shape has.
+    """Pieces of a surface beyond the number that a shape has.
 
     Attributes:
         share: Their volume, relative to that of the other pieces.
-        distance: Root mean square, over the whole surface, of the distance to the other pieces: with A_i the area of
-            the pieces that are too many and d_i their distance, sqrt(Σ A_i d_i² / A). A mean would hide a speck, whose
-            area is small.
+        distance: Root mean square, over the whole surface, of the distance to the other pieces: sqrt(Σ A_i d_i² / A)
+            with the areas A_i of the leftover pieces and their distances d_i. A mean would hide a speck, whose area is
+            small.
     """
 
     share: float
@@ -35,8 +35,8 @@ class Pieces(NamedTuple):
 
     Attributes:
         mesh: The surface.
-        volumes: Volume that each encloses (area in 2D), a hollow counted like a solid, shape (c,).
-        ranks: Position among them of the component of each simplex, shape (m,).
+        volumes: Volume that each component encloses (area in 2D), also that of a cavity, shape (c,).
+        ranks: Rank by volume of the component of each simplex, shape (m,).
     """
 
     mesh: SimplexMesh
@@ -45,7 +45,7 @@ class Pieces(NamedTuple):
 
     @classmethod
     def of(cls, mesh: SimplexMesh) -> Pieces:
-        """Take a surface apart."""
+        """Split a surface into its components."""
         volumes, order = component_volumes(mesh).abs().sort(descending=True)
         return cls(mesh, volumes, order.argsort()[component_labels(mesh)])
 
@@ -55,14 +55,14 @@ class Pieces(NamedTuple):
         return int((self.volumes > LEAST_SHARE * self.volumes[0]).sum()) if len(self.volumes) else 0
 
     def beyond(self, expected: int) -> Leftover:
-        """What there is besides the ``expected`` largest components; nothing where there are not as many."""
+        """Measure what remains besides the ``expected`` largest components; zero where there are no more than these."""
         if not 0 < expected < self.components:
             return Leftover(0.0, 0.0)
         kept = self.ranks < expected
         spare = ~kept & (self.ranks < self.components)
         areas = simplex_normals(self.mesh).norm(dim=1)
-        middles = self.mesh.vertices[self.mesh.simplices[spare]].mean(1)
-        away = closest_points(middles, SimplexMesh(self.mesh.vertices, self.mesh.simplices[kept])).distances
+        midpoints = self.mesh.vertices[self.mesh.simplices[spare]].mean(1)
+        away = closest_points(midpoints, SimplexMesh(self.mesh.vertices, self.mesh.simplices[kept])).distances
         squared = (areas[spare] * away.square()).sum() / areas.sum()
         share = self.volumes[expected : self.components].sum() / self.volumes[:expected].sum()
         return Leftover(float(share), float(torch.sqrt(squared)))

@@ -1,4 +1,4 @@
-"""How far a morph is from its two equations, ∂f/∂t + ⟨∇f, V⟩ = 0 and ‖∇f‖ = 1, around its surface and everywhere."""
+"""Residuals of the level set equation ∂f/∂t + ⟨∇f, V⟩ = 0 and of the eikonal equation ‖∇f‖ = 1, and div V."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nsm.types import Morph
 
-#: Points drawn evenly in the box to find those in the shell; both regions are judged by this many, or all there are.
+#: Points drawn evenly in the box to find those in the shell, and points over which each region is averaged.
 SAMPLES, REGION_SAMPLES = 1 << 17, 1 << 13
 #: |f| on the rim of the shell around the surface, in units of length.
 SHELL_WIDTH = 0.05

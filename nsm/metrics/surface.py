@@ -1,4 +1,4 @@
-"""What the surface of a morph is like at one time: parts and handles, size, roughness, ‖∇f‖, and how it moves."""
+"""Properties of the surface of a morph at one time: topology, area, roughness, ‖∇f‖, speed, and residuals."""
 
 from __future__ import annotations
 
@@ -18,40 +18,46 @@ SAMPLES = 10_000
 
 
 class SurfaceFigures(NamedTuple):
-    """What holds on the surface at one time; not a number where there is no surface, or no velocity."""
+    """Properties of the surface at one time; nan where there is no surface, or no velocity.
+
+    Attributes:
+        time: The time.
+        components: Number of connected components, however small.
+        pieces: Number of connected components that are large enough to be seen (`nsm.metrics.pieces.LEAST_SHARE`).
+        euler: Euler number of the surface. Counts are those of a closed surface, one that does not leave the box.
+        genus: Number of handles, all components together; 0 in 2D.
+        largest_share: Area of the largest component over the whole area; 0 where there is no surface.
+        area: Area (length in 2D).
+        roughness: Mean angle in degrees between neighboring triangles (segments); grows with the size of the cells.
+        gradient_norm: Mean of ‖∇f‖: 1 for a distance.
+        gradient_norm_std: Standard deviation of ‖∇f‖: 0 for a distance.
+        speed: Mean of |∂f/∂t| / ‖∇f‖, the speed of the surface along its normal.
+        level_set: Mean of |∂f/∂t + ⟨∇f, V⟩| / ‖∇f‖, the speed along the normal at which V and the surface part.
+        divergence: Mean of |div V|, per unit of time.
+    """
 
     time: float
-    #: Every connected component counts, however small: ``largest_share`` tells crumbs from parts.
     components: int
-    #: Connected components that are large enough to be seen (`nsm.metrics.pieces.LEAST_SHARE`).
     pieces: int
     euler: int
-    #: Handles, all components together; 0 in 2D. Counts are those of a closed surface: it must not leave the box.
     genus: int
-    #: Area (length in 2D) of the largest component, as a share of all; 0 where there is none.
     largest_share: float
-    #: Area (3D) or length (2D).
     area: float
-    #: Mean angle in degrees between neighbouring triangles (segments); grows with the size of the cells.
     roughness: float
-    #: Mean and standard deviation of ‖∇f‖: 1 and 0 for a distance.
     gradient_norm: float
     gradient_norm_std: float
-    #: Mean of |∂f/∂t| / ‖∇f‖: how fast the surface moves along its normal.
     speed: float
-    #: Mean of |∂f/∂t + ⟨∇f, V⟩| / ‖∇f‖: the speed at which V leaves the surface behind, along the normal.
     level_set: float
-    #: Mean of |div V|, per unit of time.
     divergence: float
 
 
 def surface_figures(morph: Morph, time: float, mesh: SimplexMesh) -> SurfaceFigures:
-    """Look at the surface of a morph.
+    """Measure the surface of a morph at one time.
 
     Args:
-        morph: the morph.
-        time: when.
-        mesh: its surface then, as `nsm.geometry.meshing.extract_surface` gives it.
+        morph: Morph to measure.
+        time: The time.
+        mesh: Surface of the morph at that time, as `nsm.geometry.meshing.extract_surface` gives it.
     """
     parts = topology.component_measures(mesh)
     area = float(parts.sum())

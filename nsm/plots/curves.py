@@ -1,4 +1,4 @@
-"""Curves over time as CSV and as figures."""
+"""Curves over time, as CSV files and as pictures."""
 
 from __future__ import annotations
 
@@ -15,20 +15,27 @@ from torch import Tensor
 
 from nsm.cli.files import whole_file
 
-#: Lines by name: times and values.
+#: Times and values of each line, by name.
 Curves = Mapping[str, tuple[Sequence[float], Sequence[float]]]
-#: Per cent; a curve of volume that is flat to a thousandth should look flat.
+#: Least extent of the axis of volumes in percent on either side of 0, so that a change below it looks flat.
 _FLAT = 0.1
-#: Colours that stay apart for colour-blind readers (Okabe and Ito, 2008), the calm ones first.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-#: Names beside each other in a legend, and inches that a row of them takes.
+#: Colors that color-blind readers can tell apart (Okabe and Ito, Color Universal Design, 2008,
+#: https://jfly.uni-koeln.de/color/), the least bright ones first.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+#: Names per row of a legend, and the height of such a row in inches.
 _LEGEND_COLUMNS, _LEGEND_ROW = 3, 0.17
-#: Kinds of lines, each for a round of colours.
+#: Styles of lines, the next one each time the colors are used up.
 LINES = ("-", "--", ":", "-.")
 
 
 def write_volume_curve(path: Path | str, times: Tensor, volumes: Tensor) -> None:
-    """Write a volume curve as CSV with the columns time, volume, deviation (V / V(0) - 1)."""
+    """Write a volume curve as CSV with the columns time, volume, and deviation, V / V(0) − 1.
+
+    Args:
+        path: File to write.
+        times: Times, shape (k,).
+        volumes: Volume at each time, shape (k,).
+    """
     with whole_file(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["time", "volume", "deviation"])
@@ -38,11 +45,11 @@ def write_volume_curve(path: Path | str, times: Tensor, volumes: Tensor) -> None
 
 
 def plot_volume_curves(path: Path | str, curves: Mapping[str, tuple[Tensor, Tensor]]) -> None:
-    """Draw how far volumes stray from the one at the start, in per cent over time, one line a morph (figure 10).
+    """Draw the change of volume since t = 0 in percent, one line per morph (figure 10 of the paper).
 
     Args:
-        path: a picture; its suffix chooses the format (.png, .pdf, .svg).
-        curves: times (k,) and volumes (k,) by name.
+        path: Picture to write; its suffix chooses the format (.png, .pdf, .svg).
+        curves: Times and volumes by name of the morph, both of shape (k,).
     """
     rows = -(-len(curves) // _LEGEND_COLUMNS)
     figure = Figure(figsize=(5.2, 2.7 + _LEGEND_ROW * rows), dpi=200, layout="constrained")
@@ -60,13 +67,14 @@ def plot_volume_curves(path: Path | str, curves: Mapping[str, tuple[Tensor, Tens
 
 
 def plot_curves(path: Path | str, panels: Mapping[str, Curves], columns: int = 3) -> None:
-    """Draw several figures over time, one small panel each, with one line a morph; the lines share a legend.
+    """Draw several quantities over time, one panel each, with one line per morph and a shared legend.
+
+    An axis whose values are all integers is one of counts, and has ticks at integers only.
 
     Args:
-        path: a picture; its suffix chooses the format (.png, .pdf, .svg).
-        panels: by what is written on the axis of values: curves by name of the morph, times and values (k,) each, where
-            what is not defined is not a number.
-        columns: panels beside each other; values that are all whole are taken for counts.
+        path: Picture to write; its suffix chooses the format (.png, .pdf, .svg).
+        panels: Curves of each panel by the label of its axis of values; a value that is not defined is nan.
+        columns: Number of panels per row.
     """
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
@@ -83,7 +91,7 @@ def plot_curves(path: Path | str, panels: Mapping[str, Curves], columns: int = 3
         if all(value == round(value) for value in values):
             axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
             axes.set_ylim(-0.1, 1.08 * max([1.0, *values]))
-        elif 0 <= min(values) < 0.5 * max(values):  # what comes near 0 is compared with 0
+        elif 0 <= min(values) < 0.5 * max(values):  # values near 0 are compared with 0
             axes.set_ylim(0, 1.08 * max(values))
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
@@ -93,16 +101,21 @@ def plot_curves(path: Path | str, panels: Mapping[str, Curves], columns: int = 3
 
 
 def percent_change(values: Tensor) -> list[float]:
-    """How far each value lies from the first, in per cent of it."""
+    """Deviation of each value from the first, in percent of the first, k values.
+
+    >>> import torch
+    >>> percent_change(torch.tensor([2.0, 3.0]))
+    [0.0, 50.0]
+    """
     return (100 * (values / values[0] - 1)).tolist()
 
 
 def _draw(axes: Axes, curves: Curves, label: str) -> list[float]:
-    """One line a morph; returns all values that are finite."""
+    """Draw one line per morph, and return all finite values."""
     for number, (name, (times, values)) in enumerate(curves.items()):
-        again, colour = divmod(number, len(COLOURS))
-        kind = LINES[again % len(LINES)]
-        axes.plot(times, values, kind, label=name, color=COLOURS[colour], marker="o", markersize=3, linewidth=1.5)
+        again, color = divmod(number, len(COLORS))
+        style = LINES[again % len(LINES)]
+        axes.plot(times, values, style, label=name, color=COLORS[color], marker="o", markersize=3, linewidth=1.5)
     axes.set_xlim(-0.02, 1.02)
     axes.set_xlabel("time")
     axes.set_ylabel(label)
@@ -111,7 +124,7 @@ def _draw(axes: Axes, curves: Curves, label: str) -> list[float]:
 
 
 def _share_legend(figure: Figure, axes: Axes) -> None:
-    """One legend above everything, where no curve can run into it."""
+    """Put one legend above all panels, where no curve crosses it."""
     handles, names = axes.get_legend_handles_labels()
     if handles:
         columns = min(len(handles), _LEGEND_COLUMNS)

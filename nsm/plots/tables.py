@@ -1,4 +1,4 @@
-"""Tables that compare: Markdown for reading, CSV for computing, LaTeX for papers; what is best is in bold."""
+"""Tables in Markdown, CSV, and LaTeX, with the best value of each column in bold."""
 
 from __future__ import annotations
 
@@ -10,12 +10,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nsm.cli.files import whole_file
+from nsm.metrics.metric import Metric
+from nsm.metrics.unit import MISSING, NUMBER, Unit
 
 
 class Cell(NamedTuple):
-    """A figure, as the mean and the standard deviation of what several seeds gave (0 for a single one), and its range.
+    """A value of a table, aggregated over seeds.
 
-    The range is the least and the greatest of them, None where it is not to be shown.
+    Attributes:
+        mean: Mean over the seeds.
+        std: Standard deviation over the seeds, 0 for a single one.
+        seeds: Number of seeds.
+        range: Least and greatest value; None to leave it out.
     """
 
     mean: float
@@ -28,30 +34,30 @@ class Column(NamedTuple):
     """A column of a table.
 
     Attributes:
-        name: its heading.
-        distance: of a figure from what it should be, of which the least is best; None where none is better.
-        digits: after the point; None for three significant ones.
+        name: Heading.
+        ideal: Value of which the nearest is best; None where no value is better than another.
+        unit: Unit of the values, which sets the digits that are shown.
     """
 
     name: str
-    distance: Callable[[float], float] | None = abs
-    digits: int | None = None
+    ideal: float | None = 0.0
+    unit: Unit = NUMBER
 
-
-def from_one(value: float) -> float:
-    """How far a figure is from 1."""
-    return abs(value - 1)
+    @classmethod
+    def of(cls, metric: Metric, name: str | None = None) -> Column:
+        """Make the column of a metric, under its own name unless another is given."""
+        return cls(metric.name if name is None else name, metric.ideal, metric.unit)
 
 
 class Table(NamedTuple):
-    """Figures by row and column; a figure that is not there has no cell.
+    """Values by row and column; a value that is not known has no cell.
 
     Attributes:
-        title: what it shows.
-        columns: in order.
-        rows: names of the rows, in order.
-        cells: by (row, name of column).
-        corner: the heading of the names of the rows.
+        title: Description of what the table shows.
+        columns: Columns, in order.
+        rows: Names of the rows, in order.
+        cells: Values by (row, name of column).
+        corner: Heading of the names of the rows.
     """
 
     title: str
@@ -61,30 +67,54 @@ class Table(NamedTuple):
     corner: str = "method"
 
     def best(self, column: Column) -> set[str]:
-        """The rows that nothing in a column beats; those that read the same share the place."""
-        if column.distance is None:
+        """Rows whose value in a column is nearest to the ideal; rows that read the same share the place."""
+        ideal = column.ideal
+        if ideal is None:
             return set()
-        known = {row: cell for row in self.rows if (cell := self.cells.get((row, column.name))) is not None}
-        ranks = {row: column.distance(cell.mean) for row, cell in known.items() if math.isfinite(cell.mean)}
-        if len(ranks) < 2:
+        known = {row: cell.mean for row in self.rows if (cell := self.cells.get((row, column.name))) is not None}
+        known = {row: mean for row, mean in known.items() if math.isfinite(mean)}
+        if len(known) < 2:
             return set()
-        first = min(ranks, key=lambda row: ranks[row])
-        shown = _shown(known[first].mean, column.digits)
-        return {row for row in ranks if ranks[row] == ranks[first] or _shown(known[row].mean, column.digits) == shown}
+        nearest = min(known.values(), key=lambda mean: abs(mean - ideal))
+        shown = column.unit.format(nearest)
+        return {
+            row
+            for row, mean in known.items()
+            if abs(mean - ideal) == abs(nearest - ideal) or column.unit.format(mean) == shown
+        }
 
 
 def markdown(table: Table) -> str:
-    """The table in Markdown."""
-    lines = [[table.corner, *(c.name for c in table.columns)], ["---", *["---:"] * len(table.columns)]]
-    lines += [[row, *texts] for row, texts in _texts(table, " ± ", lambda text: f"**{text}**")]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    """Write a table in Markdown.
+
+    >>> table = Table("", [Column("volume std")], ["ours", "theirs"],
+    ...               {("ours", "volume std"): Cell(0.001), ("theirs", "volume std"): Cell(0.01)})
+    >>> print(markdown(table), end="")
+    | method | volume std |
+    | --- | ---: |
+    | ours | **0.00100** |
+    | theirs | 0.0100 |
+    """
+    head = [table.corner, *(column.name for column in table.columns)]
+    return markdown_lines(head, [[row, *texts] for row, texts in _texts(table, " ± ", lambda text: f"**{text}**")])
+
+
+def markdown_lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Write rows of texts as a Markdown table whose first column is left-aligned and the others right-aligned.
+
+    Args:
+        head: Headings of the columns, k of them.
+        rows: Rows of k texts.
+    """
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "".join(f"| {' | '.join(text.replace('|', _PIPE) for text in line)} |\n" for line in lines)
 
 
 def latex(table: Table) -> str:
-    """The table in LaTeX, for the packages booktabs and a caption of one's own."""
+    """Write a table in LaTeX, as a ``tabular`` without a caption that needs the package booktabs."""
     head = " & ".join(_escaped(name) for name in (table.corner, *(c.name for c in table.columns)))
     body = [
-        " & ".join([_escaped(row), *texts]).replace(_MISSING, "--") + r" \\"
+        " & ".join([_escaped(row), *texts]).replace(MISSING, "--") + r" \\"
         for row, texts in _texts(table, r" $\pm$ ", lambda text: rf"\textbf{{{text}}}")
     ]
     lines = [
@@ -101,13 +131,13 @@ def latex(table: Table) -> str:
 
 
 def comma_separated(table: Table) -> str:
-    """The table as CSV, all digits; with several seeds, the deviation, least, and greatest value beside each mean."""
+    """Write a table as CSV with nine digits; with several seeds, std, min, and max stand beside each mean."""
     several = any(cell.seeds > 1 for cell in table.cells.values())
     beside = ("std", "min", "max") if several else ()
-    heads = [[column.name, *(f"{column.name} {what}" for what in beside)] for column in table.columns]
+    heads = [[column.name, *(f"{column.name} {name}" for name in beside)] for column in table.columns]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([table.corner, *(head for pair in heads for head in pair)])
+    writer.writerow([table.corner, *(name for names in heads for name in names)])
     for row in table.rows:
         found = [table.cells.get((row, column.name)) for column in table.columns]
         writer.writerow([row, *(text for cell in found for text in _digits(cell)[: 1 + len(beside)])])
@@ -115,7 +145,11 @@ def comma_separated(table: Table) -> str:
 
 
 def write_table(stem: Path, table: Table) -> list[Path]:
-    """Write a table beside ``stem`` with the suffixes .md, .csv and .tex; returns the files."""
+    """Write a table to ``stem`` with the suffixes .md, .csv, and .tex.
+
+    Returns:
+        The files.
+    """
     texts = {".md": f"{table.title}\n\n{markdown(table)}", ".csv": comma_separated(table), ".tex": latex(table)}
     files = [stem.with_name(stem.name + suffix) for suffix in texts]
     for file, text in zip(files, texts.values(), strict=True):
@@ -125,7 +159,7 @@ def write_table(stem: Path, table: Table) -> list[Path]:
 
 
 def _texts(table: Table, between: str, bold: Callable[[str], str]) -> list[tuple[str, list[str]]]:
-    """Rows of cells as text."""
+    """Format the cells of each row."""
     best = {column.name: table.best(column) for column in table.columns}
     rows = []
     for row in table.rows:
@@ -133,38 +167,29 @@ def _texts(table: Table, between: str, bold: Callable[[str], str]) -> list[tuple
         for column in table.columns:
             cell = table.cells.get((row, column.name))
             if cell is None:
-                texts.append(_MISSING)
+                texts.append(MISSING)
                 continue
-            text = _shown(cell.mean, column.digits)
+            form = column.unit.format
+            text = form(cell.mean)
             if cell.seeds > 1:
-                text += between + _shown(cell.std, column.digits)
-                text += f" ({'–'.join(_shown(value, column.digits) for value in cell.range)})" if cell.range else ""
+                text += between + form(cell.std)
+                text += f" ({'–'.join(form(value) for value in cell.range)})" if cell.range else ""
             texts.append(bold(text) if row in best[column.name] else text)
         rows.append((row, texts))
     return rows
 
 
 def _digits(cell: Cell | None) -> list[str]:
-    """Mean, deviation, least and greatest value, all digits; nothing where there is none."""
+    """Format mean, standard deviation, least, and greatest value with nine digits; empty where unknown."""
     if cell is None:
         return [""] * 4
     known = [f"{value:.9g}" for value in (cell.mean, cell.std, *(cell.range or ()))]
     return known + [""] * (4 - len(known))
 
 
-def _shown(value: float, digits: int | None) -> str:
-    if not math.isfinite(value):
-        return _MISSING
-    if digits is not None:
-        return f"{value:.{digits}f}"
-    if value == 0 or 1e-4 <= abs(value) < 1e4:
-        return f"{value:#.3g}".rstrip(".")
-    return f"{value:.1e}"
-
-
-#: In place of a figure that is not there.
-_MISSING = "–"
-#: What LaTeX reads as something else, or does not know.
+#: A pipe inside a cell of a Markdown table.
+_PIPE = r"\|"
+#: Characters that LaTeX interprets or does not know, and what stands for them.
 _LATEX = {
     "\\": r"\textbackslash{}",
     **{sign: "\\" + sign for sign in "&%$#_{}"},
@@ -180,4 +205,5 @@ _LATEX = {
 
 
 def _escaped(text: str) -> str:
+    """Escape a text for LaTeX."""
     return "".join(_LATEX.get(sign, sign) for sign in text)

@@ -12,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from nsm.geometry.volume import volume
 from nsm.metrics import VolumeCurve
 from nsm.morphs.surfaces import Levels
-from nsm.plots.curves import COLOURS as SERIES
+from nsm.plots.curves import COLORS
 from nsm.render.panel import pixels
 from nsm.types import Morph
 
@@ -63,7 +63,7 @@ class Timeline:
         axis = figure.add_axes((0.16, 0.3, 0.68, 0.6))
         axis.axhline(0, color="0.8", linewidth=line / 3, zorder=0)
         for number, values in enumerate(self._curves.values()):
-            color = SERIES[number % len(SERIES)]
+            color = COLORS[number % len(COLORS)]
             axis.plot(self._times, values, color=color, alpha=0.25, linewidth=line)
             past = self._times <= time
             now = float(np.interp(time, self._times, values))

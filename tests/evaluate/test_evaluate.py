@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from pathlib import Path
 
 import pytest
 from analytic import run_here, save, sentence, shrinking, turning, unreadable
 
 from nsm.evaluate import __main__ as evaluate
+from nsm.evaluate.tables import markdown_table, print_table
 from nsm.io.loading import load_morphs, output_folder
 from nsm.metrics import Protocol, evaluate_morph
 
@@ -105,13 +107,34 @@ def test_the_network_alone(tmp_path: Path) -> None:
 def test_a_narrow_terminal_shows_whole_numbers(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = evaluate_morph(shrinking(2, 0.1), Protocol(12, 12, 3))
+    figures = evaluate_morph(shrinking(2, 0.1), Protocol(12, 12, 3)).figures()
     monkeypatch.setenv("COLUMNS", "64")
     monkeypatch.setenv("FORCE_COLOR", "1")
-    evaluate._show({str(n) * 30: result for n in range(5)}, Protocol(12, 12, 3))
+    print_table({str(n) * 30: figures for n in range(5)}, "five morphs")
     shown = capfd.readouterr().out
     assert shown.count("gradient norm least") == 3
     assert "…" not in shown
+
+
+def test_the_table_has_a_column_per_morph_and_a_row_per_figure(capfd: pytest.CaptureFixture[str]) -> None:
+    morphs: dict[str, dict[str, float | None]] = {
+        "ours": {"normal error t=0": 3.21, "volume std": 0.00123, "volume max": 4.56e-6, "most components": 2.0},
+        "a|b": {"volume std": None, "speed max/mean": 1.234},
+        "theirs": {"carried distance": math.nan},
+    }
+    print_table(morphs, "three morphs")
+    text = capfd.readouterr().out
+    assert all(word in text for word in ("three morphs", "ours", "theirs", "volume std", "0.00123", "3.2°", "4.56e-06"))
+    assert "carried distance" not in text
+    lines = markdown_table(morphs).splitlines()
+    assert lines[0] == r"| figure | ours | a\|b | theirs |"
+    assert lines[2:] == [
+        "| volume std | 0.00123 |  |  |",
+        "| volume max | 4.56e-06 |  |  |",
+        "| normal error t=0 | 3.2° |  |  |",
+        "| speed max/mean |  | 1.23 |  |",
+        "| most components | 2 |  |  |",
+    ]
 
 
 def test_the_same_name_is_given_once(tmp_path: Path) -> None:

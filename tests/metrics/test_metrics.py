@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
+import sys
 from functools import partial
 
 import pytest
 import torch
 from problems import MOTIONS, Ball, LinearMotion
-from rich.console import Console
 
 from nsm import calculus, shapes
+from nsm.compare.results import Result
+from nsm.compare.tabulate import figure_table, overview
+from nsm.evaluate.tables import markdown_table
 from nsm.geometry.meshing import extract_surface
-from nsm.metrics import STAGES, Protocol, evaluate_morph, markdown_table, meaning, table, volume_curve
-from nsm.metrics.advection import check_transport
+from nsm.metrics import STAGES, Protocol, all_metrics, evaluate_morph, figures, find_metric, volume_curve
+from nsm.metrics.advection import check_advection
 from nsm.metrics.endpoint import angles, endpoint_errors, finite_gradient
 from nsm.metrics.events import TIME_TOLERANCE, topology_events
 from nsm.metrics.motion import Motion
 from nsm.metrics.residuals import divergence, level_set_residual, rate, space_residuals
 from nsm.metrics.surface import SurfaceFigures, surface_figures
 from nsm.morphs.growth import Grown, VolumeLinear
+from nsm.plots.tables import markdown
 from nsm.shapes import Similarity
 from nsm.types import Morph
 
@@ -39,7 +42,7 @@ def meshes_of(morph, times, resolution):
 
 def carried(morph, times, resolution):
     meshes = meshes_of(morph, times, resolution)
-    return check_transport(morph, meshes[0], times, meshes)
+    return check_advection(morph, meshes[0], times, meshes)
 
 
 class Still(Morph):
@@ -352,7 +355,7 @@ def test_without_velocity_or_surface_nothing_is_carried():
     assert carried(morph, [0.0, 1.0], 16) is None
     gone = MOTIONS["growing_ball"](2)
     empty = extract_surface(lambda x: x[:, 0] ** 2 + 1, gone.bounds, 8)
-    assert check_transport(gone, empty, [0.0], [empty]) is None
+    assert check_advection(gone, empty, [0.0], [empty]) is None
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -436,7 +439,7 @@ def test_all_figures_of_a_perfect_morph(dim):
     assert all(s.euler == (2 if dim == 3 else 0) for s in result.surfaces)
     again = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert again["figures"] == pytest.approx(figures)
-    assert all(meaning(name).text for name in figures)
+    assert all(find_metric(name).meaning for name in figures)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
@@ -455,7 +458,7 @@ def test_a_protocol_tells_all_of_itself():
     told = json.loads(json.dumps(COARSE.describe()))
     assert told["volume_resolution"] == 24
     assert told["shell_width"] == 0.05
-    assert "RungeKutta" in told["transport"]
+    assert "RungeKutta" in told["advection"]
 
 
 def test_a_morph_that_is_gone_is_still_measured():
@@ -469,27 +472,55 @@ def test_a_morph_that_is_gone_is_still_measured():
         assert figures[name] is None
     assert figures["volume error t=0"] == pytest.approx(-1)
     assert figures["most components"] == figures["area greatest"] == 0
-    assert told["transport"] is None
+    assert told["advection"] is None
     assert "carried volume drift" not in figures
 
 
-def test_the_table_has_a_column_a_run_and_a_row_a_figure():
-    runs = {
-        "ours": {"volume std": 0.00123, "normal error t=0": 3.21, "volume max": 4.56e-6, "most components": 2.0},
-        "a|b": {"volume std": None, "speed max/mean": 1.234},
-        "theirs": {"carried distance": math.nan},
-    }
-    console = Console(width=100, record=True, file=io.StringIO())
-    console.print(table(runs, "two runs"))
-    text = console.export_text()
-    assert all(word in text for word in ("two runs", "ours", "theirs", "volume std", "0.0012", "3.2°", "4.6e-06"))
-    assert "carried distance" not in text
-    lines = markdown_table(runs).splitlines()
-    assert lines[0] == r"| figure | ours | a\|b | theirs |"
-    assert lines[2] == "| volume std | 0.0012 |  |  |"
-    assert "| most components | 2 |  |  |" in lines
-    assert "| speed max/mean |  | 1.23 |  |" in lines
-    assert len({line.replace(r"\|", "").count("|") for line in lines}) == 1
+NEW_FIGURE = """
+from nsm.metrics.metric import MorphMetric, Section
+from nsm.metrics.unit import RATIO
+
+FINAL = MorphMetric(
+    name="final volume",
+    unit=RATIO,
+    meaning="volume at t = 1 over that at t = 0",
+    section=Section.VOLUME,
+    ideal=1.0,
+    heading="final volume",
+    compute=lambda measured: float(measured.volume.volumes[-1] / measured.volume.volumes[0]),
+)
+"""
+
+
+def test_a_file_with_a_figure_is_all_that_tables_and_evaluations_need(tmp_path, monkeypatch):
+    (tmp_path / "final_volume.py").write_text(NEW_FIGURE)
+    monkeypatch.setattr(figures, "__path__", [*figures.__path__, str(tmp_path)])
+    monkeypatch.delitem(sys.modules, f"{figures.__name__}.final_volume", raising=False)
+    before = {metric.name for metric in all_metrics()} - {"final volume"}
+    assert "volume std" in before
+    found = evaluate_morph(MOTIONS["growing_ball"](2), COARSE)
+    assert found.figures()["final volume"] == pytest.approx((0.7 / 0.4) ** 2, rel=1e-2)
+    assert found.to_dict()["figures"]["final volume"] == found.figures()["final volume"]
+    rows = markdown_table({"ours": found.figures()}).splitlines()
+    assert f"| final volume | {found.figures()['final volume']:.2f} |" in rows
+    assert rows.index(next(row for row in rows if "| final volume" in row)) < rows.index(
+        next(row for row in rows if "chamfer" in row)
+    ), "beside the other figures of its section"
+    outcomes = [Result("a_b", name, 0, figures={"final volume": value}) for name, value in (("x", 1.5), ("y", 0.9))]
+    assert "| y | **0.900** |" in markdown(figure_table("final volume", outcomes, ["a_b"], ["x", "y"]))
+    assert "| method | final volume |" in markdown(overview("a_b", outcomes, ["x", "y"]))
+
+
+def test_every_figure_has_a_name_of_its_own_and_describes_itself():
+    known = all_metrics()
+    assert len({metric.name for metric in known}) == len(known) > 40
+    for metric in known:
+        assert metric.meaning[:1].islower() or metric.meaning.startswith("|"), metric.name
+        assert not metric.meaning.endswith("."), metric.name
+        assert metric.unit.name, metric.name
+        assert all(find_metric(name) is metric for name in metric.names())
+    with pytest.raises(KeyError):
+        find_metric("volume mean")
 
 
 def test_volume_that_leaves_the_box_is_reported_and_not_only_lost() -> None:
