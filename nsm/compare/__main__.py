@@ -1,4 +1,4 @@
-"""``python -m nsm.compare +study=table9``: many methods on many pairs, under one budget, in one folder."""
+"""``python -m nsm.compare +study=table9``: methods on pairs of shapes under one budget, compared in one folder."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from nsm.cli import entry
+from nsm.cli.progress import Progress
 from nsm.cli.settings import whole_number
 from nsm.compare.plan import Job, Study, jobs, read_study
-from nsm.compare.progress import StudyProgress
+from nsm.compare.progress import study_progress
 from nsm.compare.record import DONE, FAILED, prepare
 from nsm.compare.report import write_report
 from nsm.compare.results import Result, result_of_official, result_of_run
@@ -32,28 +31,28 @@ log = logging.getLogger(__name__)
 
 
 def main(cfg: DictConfig) -> None:
-    """Run what is not done yet, measure what came out, and show it."""
+    """Carry out the runs that are not done yet, evaluate their morphs, and write the report."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     study = read_study(config)
     whole_number("picture_size", config["picture_size"], 16)
     runs = jobs(study)
-    trained = [_trained(job) for job in runs]  # all of them, before the first folder is made
+    trained = [_trained(job) for job in runs]  # all of them, so that an invalid one stops the study before it begins
     records = [
         prepare(job, study.budget, steps, study.threads, config["retry"])
         for job, steps in zip(runs, trained, strict=True)
     ]
     waiting = [job for job, record in zip(runs, records, strict=True) if record.state not in (DONE, FAILED)]
-    log.info("%d runs of %s each in %s, %d of them still to do", len(runs), study.budget, study.folder, len(waiting))
+    log.info("%d runs, %s each, in %s; %d are left to do", len(runs), study.budget, study.folder, len(waiting))
     try:
         if waiting:
             _launch(study, waiting)
         results = _results(study, runs)
     except KeyboardInterrupt:
-        log.warning("stopped; repeat the command to go on")
+        log.warning("stopped; repeat the command to resume")
         raise
     strip = {"times": config["strip_times"], "size": config["picture_size"]}
-    with Console(stderr=True).status("") as status:
-        files = write_report(study, config, results, strip, lambda what: status.update(f"writing {what}"))
+    with Progress("writing") as progress:
+        files = write_report(study, config, results, strip, lambda part: progress.update(detail=part))
     for result in results:
         if result.reason is not None:
             log.warning("%s/%s: %s", result.pair, result.method, result.reason)
@@ -61,13 +60,13 @@ def main(cfg: DictConfig) -> None:
 
 
 def _trained(job: Job) -> bool:
-    """Whether a run makes steps, by its composed configuration; one that does not compose ends the study here."""
+    """Whether a run is trained in steps, by its composed configuration; one that does not compose raises here."""
     composed = GlobalHydra.instance().config_loader().load_configuration("train", list(job.overrides), RunMode.RUN)
     return bool(composed.task.kind == "morph")
 
 
 def _launch(study: Study, waiting: Sequence[Job]) -> None:
-    """Carry out runs by Hydra's launcher; each is a job of ``conf/compare_run.yaml``."""
+    """Carry out runs with Hydra's launcher, each as a job of ``conf/compare_run.yaml``."""
     config: Any = copy.deepcopy(HydraConfig.instance().cfg)
     for node in (config, config.hydra, config.hydra.job):
         OmegaConf.set_readonly(node, False)
@@ -80,34 +79,28 @@ def _launch(study: Study, waiting: Sequence[Job]) -> None:
         task_function=carry_out,
         config=config,
     )
-    for name in ("hydra", "hydra_plugins"):  # which list every job, where the line of progress tells what runs
+    # Hydra lists every job; progress shows the active ones
+    for name in ("hydra", "hydra_plugins"):
         logging.getLogger(name).setLevel(logging.WARNING)
-    with StudyProgress(waiting):
+    with study_progress(waiting):
         try:
             launcher.launch([[f"folder={_quoted(job.folder)}"] for job in waiting], initial_job_idx=0)
-        except Exception:  # launchers fail in their own ways when a worker is lost; what was done until then counts
-            log.exception("the launcher gave up; repeat the command to go on with the runs that are left")
+        # each launcher raises an error of its own when a worker is lost; runs that are done still count
+        except Exception:
+            log.exception("the launcher failed; repeat the command to resume the runs that are left")
 
 
 def _results(study: Study, runs: Sequence[Job]) -> list[Result]:
-    """Of every run, and of the official morphs."""
+    """Evaluate every run, and the official morphs."""
     if study.threads:
         torch.set_num_threads(study.threads)
-    things = [partial(result_of_run, study, job) for job in runs]
-    things += [partial(result_of_official, study, pair) for pair in study.pairs if study.official]
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
+    evaluations = [partial(result_of_run, study, job) for job in runs]
+    evaluations += [partial(result_of_official, study, pair) for pair in study.pairs if study.official]
     results = []
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=len(things))
-        for thing in things:
-            results.append(thing(tell=lambda what: bar.update(task, description=f"measuring {what}")))
-            bar.advance(task)
+    with Progress("measuring", total=len(evaluations), unit="morphs") as progress:
+        for evaluation in evaluations:
+            results.append(evaluation(progress=lambda stage: progress.update(detail=stage)))
+            progress.advance()
     return results
 
 

@@ -1,4 +1,4 @@
-"""Bars beside each other, one a method, as a figure."""
+"""Bar charts of methods."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from matplotlib.figure import Figure
 from nsm.cli.files import whole_file
 from nsm.plots.curves import COLORS
 
-#: Inches of one bar and of a panel without its bars.
-_BAR, _FRAME = 0.24, 0.75
+#: Height in inches of one bar, and of a panel without its bars.
+_BAR, _MARGINS = 0.24, 0.75
 
 
 def plot_bars(path: Path | str, panels: Mapping[str, Mapping[str, Mapping[str, float]]]) -> None:
-    """Draw horizontal bars, with their values written at their ends.
+    """Draw horizontal bars with their values at their ends.
 
     Args:
-        path: a picture; its suffix chooses the format (.png, .pdf, .svg).
-        panels: by what is written below the axis: by row: by group, which gives the colour: the value.
+        path: Picture to write; its suffix chooses the format (.png, .pdf, .svg).
+        panels: Values by the label of the panel, then by row, then by group, which sets the color.
     """
     rows = list(dict.fromkeys(row for panel in panels.values() for row in panel))
     groups = list(dict.fromkeys(group for panel in panels.values() for bars in panel.values() for group in bars))
     thickness = 0.8 / max(1, len(groups))
-    height = _FRAME + _BAR * max(1, len(groups)) * max(1, len(rows)) * 1.25
+    height = _MARGINS + _BAR * max(1, len(groups)) * max(1, len(rows)) * 1.25
     figure = Figure(figsize=(3.6 * max(1, len(panels)), height), dpi=200, layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]

@@ -1,7 +1,7 @@
 """``python -m nsm.compare.child MODULE ARGUMENTS``: a command that does not outlive the process that started it.
 
-Its standard input is a pipe that the other process holds open and never writes to. When it closes, the other process is
-gone, and this one leaves at once: two would write into one folder if the study was begun again.
+Standard input is a pipe that the parent holds open and never writes to. When it closes, the parent is gone and the
+child exits at once, so that no two processes write into one folder if the study is started again.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import threading
 
 
 def _leave_when_closed() -> None:
-    # not by sys.stdin, whose lock this thread would hold while the interpreter ends
+    # sys.stdin has a lock that this thread would still hold while the interpreter exits
     os.read(0, 1)
     os._exit(1)
 

@@ -1,23 +1,22 @@
-"""What a study consists of: every pair with every method, once for each seed."""
+"""Plan of a study: every pair with every method, once per seed."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
-from nsm.cli.settings import whole_number
+from nsm.cli.settings import invalid, nearest, positive, whole_number
 from nsm.io.loading import known_ends
 from nsm.io.official import PAIRS
 from nsm.metrics import Protocol
 
-#: What the name of a pair or of a method may be made of, since folders and files are called after it.
+#: Valid name of a pair or method; folders and files are named after it.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
-#: The name of the row of the authors' morphs.
+#: Name of the row of the authors' morphs.
 OFFICIAL = "official"
 
 
@@ -25,9 +24,9 @@ class Choice(NamedTuple):
     """A pair or a method of a study.
 
     Attributes:
-        name: of its column or row, and of its folder.
-        file: in ``conf/experiment`` or ``conf/method``.
-        overrides: of ``python -m nsm.train``, beside that file.
+        name: Name of its column or row, and of its folder.
+        file: Name of its file in ``conf/experiment`` or ``conf/method``.
+        overrides: Further overrides of ``python -m nsm.train``.
     """
 
     name: str
@@ -36,7 +35,12 @@ class Choice(NamedTuple):
 
 
 class Budget(NamedTuple):
-    """What each run may take: minutes of training, a number of steps, or, if both are None, the steps of its recipe."""
+    """Budget of each run: minutes of training, a number of steps, or, if both are None, the steps of the recipe.
+
+    Attributes:
+        minutes: Minutes of training.
+        steps: Number of steps.
+    """
 
     minutes: float | None
     steps: int | None
@@ -48,18 +52,20 @@ class Budget(NamedTuple):
 
 
 class Study(NamedTuple):
-    """A study, as its configuration gives it.
+    """A study as its configuration describes it.
 
     Attributes:
-        name: of the study.
-        pairs, methods, seeds: what is crossed.
-        overrides: of every run.
-        budget: of every run.
-        threads: of one run and of the evaluation; None takes all cores.
-        official: whether the authors' morphs are a row too, where they published one.
-        ends: of each run, ``exact`` or ``network``.
-        protocol: of the evaluation.
-        folder: where everything goes.
+        name: Name of the study.
+        pairs: Pairs of shapes.
+        methods: Methods, each of which is run on every pair.
+        seeds: Seeds, from each of which every method is run on every pair.
+        overrides: Overrides of every run.
+        budget: Budget of every run.
+        threads: Threads of one run and of the evaluation; None takes all cores.
+        official: Whether the authors' morphs are a row too, where they published one.
+        ends: Ends of the evaluated morphs, ``exact`` or ``network``.
+        protocol: Protocol of the evaluation.
+        folder: Folder of the study.
     """
 
     name: str
@@ -76,7 +82,15 @@ class Study(NamedTuple):
 
 
 class Job(NamedTuple):
-    """One run of a study: of which pair, by which method, from which seed, with which overrides, in which folder."""
+    """One run of a study.
+
+    Attributes:
+        pair: Name of the pair.
+        method: Name of the method.
+        seed: Seed.
+        overrides: All overrides of ``python -m nsm.train``.
+        folder: Folder of the run.
+    """
 
     pair: str
     method: str
@@ -86,19 +100,19 @@ class Job(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Short, for a line of progress."""
+        """Short name, as progress and logs show it."""
         return f"{self.pair}/{self.method}" + (f"/{self.folder.name}" if self.folder.name != self.method else "")
 
 
 def read_study(config: Mapping[str, Any]) -> Study:
-    """The study that a configuration of ``conf/compare.yaml`` describes.
+    """Read a study from the configuration of ``conf/compare.yaml``.
 
     Raises:
-        InputError: for names that no file has, or that come twice, and for settings that cannot be.
+        InputError: If a name is unknown or repeated, or a setting is not valid.
     """
     seeds = tuple(config["seeds"])
     if not seeds or len(set(seeds)) < len(seeds) or not all(type(seed) is int for seed in seeds):
-        raise InputError(f"seeds={list(seeds)} are not to be drawn from: give whole numbers, each once, as seeds=[0,1]")
+        raise invalid("seeds", "a list of different integers", list(seeds), "[0,1]")
     protocol = {name: whole_number(name, config[name], least) for name, least in _LEAST.items()}
     return Study(
         str(config["name"]),
@@ -107,7 +121,7 @@ def read_study(config: Mapping[str, Any]) -> Study:
         seeds,
         tuple(config["overrides"]),
         _budget(config["minutes"], config["steps"]),
-        None if config["threads"] is None else whole_number("threads", config["threads"], 1),
+        None if config["threads"] is None else whole_number("threads", config["threads"]),
         bool(config["official"]),
         known_ends(config["ends"]),
         Protocol(**protocol),
@@ -115,17 +129,17 @@ def read_study(config: Mapping[str, Any]) -> Study:
     )
 
 
-#: The least that each setting of the evaluation may be.
+#: Least valid value of each setting of the evaluation.
 _LEAST = {"volume_resolution": 8, "surface_resolution": 8, "times": 2}
 
 
 def jobs(study: Study) -> list[Job]:
-    """All runs: one seed of everything first, and of that pair by pair, so that pictures are complete early."""
+    """List all runs, seed by seed and pair by pair, so that a study that is stopped has complete rows of pictures."""
     return [_job(study, pair, method, seed) for seed in study.seeds for pair in study.pairs for method in study.methods]
 
 
 def official_pair(pair: Choice) -> str | None:
-    """The published morph between the shapes of a pair, if there is one."""
+    """Name of the published morph between the shapes of a pair; None if there is none."""
     return pair.file if pair.file in PAIRS else None
 
 
@@ -146,29 +160,30 @@ def _choices(key: str, group: str, entries: Sequence[Any]) -> tuple[Choice, ...]
     found = tuple(_choice(key, group, entry) for entry in entries or ())
     names = [choice.name for choice in found]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"{key} has {', '.join(twice)} twice: give each a name of its own")
+        first = twice[0]
+        other = f"[{first},{{name: {first}_2, {group}: {first}}}]"
+        raise invalid(key, "a list of entries with different names", f"{', '.join(twice)} twice", other)
     if not found:
-        studies = " or ".join(f"+study={study}" for study in _known("study"))
-        raise InputError(f"{key}=[] leaves nothing to compare: give {studies}, or some of {', '.join(_known(group))}")
+        studies = " or ".join(f"`+study={study}`" for study in _known("study"))
+        raise InputError(f"`{key}` must be a list of some of {', '.join(_known(group))}, got []. Try {studies}.")
     return found
 
 
 def _choice(key: str, group: str, entry: Any) -> Choice:
-    """A name alone means the file of that name."""
+    """Read an entry; a name alone stands for the file of that name."""
     given = {"name": entry} if isinstance(entry, str) else dict(entry)
     name = str(given.get("name") or given.get(group, ""))
     file = str(given.get(group, name))
-    if unknown := set(given) - {"name", group, "overrides"}:
-        raise InputError(f"{key} has an entry with {', '.join(sorted(unknown))}: give name, {group} and overrides only")
     known = _known(group)
+    example = nearest(file, known) or known[0]
+    if unknown := set(given) - {"name", group, "overrides"}:
+        keys = f"a list of entries with the keys name, {group}, and overrides only"
+        raise invalid(key, keys, ", ".join(sorted(unknown)), f"[{{name: own, {group}: {example}}}]")
     if file not in known:
-        near = get_close_matches(file, known, n=1)
-        hint = f" (did you mean {near[0]}?)" if near else ""
-        raise InputError(f"{key} has {file}, which is no {group} of nsm: give some of {', '.join(known)}{hint}")
+        raise invalid(key, f"a list of some of {', '.join(known)}", file, f"[{example}]")
     if not _NAME.fullmatch(name) or name == OFFICIAL:
-        raise InputError(
-            f"{key} has the name {name!r}, which no folder of a run can have: give one of letters, digits and _"
-        )
+        names = f"a list of entries whose names have letters, digits, and _ only and differ from {OFFICIAL}"
+        raise invalid(key, names, name, f"[{{name: own, {group}: {example}}}]")
     return Choice(name, file, tuple(given.get("overrides") or ()))
 
 
@@ -179,11 +194,9 @@ def _known(group: str) -> list[str]:
 def _budget(minutes: Any, steps: Any) -> Budget:
     if minutes is not None and steps is not None:
         raise InputError(
-            f"`minutes` and `steps` must not both be given, got minutes={minutes} and steps={steps}. Try minutes=null "
-            f"steps={steps}, or both null for the recipe's own number of steps."
+            f"`minutes` must be null where `steps` is given, got minutes={minutes} and steps={steps}. "
+            f"Try `minutes=null steps={steps}`."
         )
     if minutes is None:
-        return Budget(None, None if steps is None else whole_number("steps", steps, 1))
-    if isinstance(minutes, bool) or not isinstance(minutes, int | float) or not 0 < minutes < float("inf"):
-        raise InputError(f"minutes={minutes} is no time to train in: give a number above 0")
-    return Budget(float(minutes), None)
+        return Budget(None, None if steps is None else whole_number("steps", steps, example=1000))
+    return Budget(positive("minutes", minutes, 8), None)

@@ -1,83 +1,73 @@
-"""One line that tells how far a study is, whoever carries out its runs."""
+"""Progress of a study, read from the folders of its runs."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
+from nsm.cli.progress import Progress
 from nsm.compare.plan import Job
 from nsm.compare.record import DONE, FAILED, INTERRUPTED, MEASURING, TRAINING, read_record
 
-#: Seconds between two looks at the folders of the runs.
+#: Seconds between two readings of the folders of the runs.
 _INTERVAL = 1.0
 #: Bytes at the end of a log that hold its last row.
 _TAIL = 4096
+#: Runs that are named while they are active.
+_NAMED = 3
+#: Largest part of a run that counts before one more is finished.
+_ALMOST = 0.999
 
 
-class StudyProgress:
-    """Shows how many of some runs are over and where the others are, as read from their folders.
+@contextmanager
+def study_progress(jobs: Sequence[Job]) -> Iterator[None]:
+    """Show how many runs are finished and how far the active ones are, whichever launcher carries them out.
 
-    A context: the line is there while it is open.
+    Args:
+        jobs: The runs.
     """
+    closing = threading.Event()
+    with Progress("training", total=len(jobs), unit="runs") as progress:
+        thread = threading.Thread(target=_watch, args=(jobs, progress, closing), daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            closing.set()
+            thread.join()
 
-    def __init__(self, jobs: Sequence[Job]) -> None:
-        self.jobs = jobs
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[over]} of {task.total:.0f} runs"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
-        self._bar = Progress(*columns, console=Console(stderr=True))
-        self._task = self._bar.add_task("", total=len(jobs), over=0)
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._watch, daemon=True)
 
-    def __enter__(self) -> StudyProgress:
-        self._bar.start()
-        self._thread.start()
-        return self
+def _watch(jobs: Sequence[Job], progress: Progress, closing: threading.Event) -> None:
+    """Read the folders of the runs until the study ends, and once more then."""
+    last = False
+    while not last:
+        last = closing.wait(_INTERVAL)
+        _read(jobs, progress)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._closing.set()
-        self._thread.join()
-        self._bar.stop()
 
-    def _watch(self) -> None:
-        closing = False
-        while not closing:
-            closing = self._closing.wait(_INTERVAL)
-            self._look()
-
-    def _look(self) -> None:
-        over, parts, active = 0, 0.0, []
-        for job in self.jobs:
-            record = read_record(job.folder)
-            if record is None:
-                continue
-            if record.state in (DONE, FAILED, INTERRUPTED):
-                over += 1
-            elif record.state == MEASURING:
-                active.append(f"{job.name}: time of a step")
-            elif record.state == TRAINING:
-                step = _last_step(job.folder / "log" / "metrics.csv")
-                active.append(f"{job.name}: step {step} of {record.steps}" if record.steps else job.name)
-                parts += step / record.steps if record.steps else 0.0
-        description = ", ".join(active[:3]) + (f" and {len(active) - 3} more" if len(active) > 3 else "")
-        self._bar.update(self._task, completed=over + parts, over=over, description=description.replace("[", r"\["))
+def _read(jobs: Sequence[Job], progress: Progress) -> None:
+    finished, parts, active = 0, 0.0, []
+    for job in jobs:
+        record = read_record(job.folder)
+        if record is None:
+            continue
+        if record.state in (DONE, FAILED, INTERRUPTED):
+            finished += 1
+        elif record.state == MEASURING:
+            active.append(f"{job.name}: timing a step")
+        elif record.state == TRAINING:
+            step = _last_step(job.folder / "log" / "metrics.csv")
+            active.append(f"{job.name}: step {step} of {record.steps}" if record.steps else job.name)
+            parts += step / record.steps if record.steps else 0.0
+    more = f" and {len(active) - _NAMED} more" if len(active) > _NAMED else ""
+    # active runs count for the time left, but not as finished ones
+    progress.update(finished + min(parts, _ALMOST), detail=", ".join(active[:_NAMED]) + more)
 
 
 def _last_step(log: Path) -> int:
-    """The step of the last row of a ``metrics.csv``; 0 while there is none."""
+    """Read the step of the last row of a ``metrics.csv``; 0 while there is none."""
     try:
         with log.open("rb") as file:
             file.seek(max(0, log.stat().st_size - _TAIL))

@@ -1,4 +1,4 @@
-"""What is known of one run: with which settings it was begun, how many steps it makes, and how far it is."""
+"""Record of one run of a study: its settings, its number of steps, and its state."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
 from nsm.compare.plan import Budget, Job
 
-#: States of a run on its way.
+#: States of a run before and during training, and after it.
 PLANNED, MEASURING, TRAINING, DONE = "planned", "measuring", "training", "done"
-#: A run that failed would fail again, and is tried again only if that is asked for; an interrupted one goes on.
+#: States of a run that ended early. One that failed would fail again, so it is tried again on request only; one that
+#: was interrupted resumes.
 FAILED, INTERRUPTED = "failed", "interrupted"
 
 
 class Record(NamedTuple):
-    """The content of ``run.json`` in the folder of a run.
+    """Content of ``run.json`` in the folder of a run.
 
     Attributes:
-        settings: what makes it this run and no other; it goes on only under the same.
-        trained: whether it makes steps at all; a method in closed form does not.
-        threads: of its process; None for all cores.
-        steps: how many it makes; None until they are known, which for the recipe's own number is at the end.
-        step_s: seconds of one step, by which minutes became steps.
-        state: how far it is.
-        reason: why it failed.
+        settings: Overrides and budget; a run resumes only with the same settings.
+        trained: Whether it is trained in steps; a method in closed form is not.
+        threads: Threads of its process; None for all cores.
+        steps: Number of steps; None until it is known, which for the recipe's own number is at the end.
+        step_s: Measured seconds per step, by which minutes are converted to steps.
+        state: State.
+        reason: Reason of a failure or an interruption.
     """
 
     settings: dict[str, Any]
@@ -40,35 +41,43 @@ class Record(NamedTuple):
 
 
 def read_record(folder: Path) -> Record | None:
-    """The record of a run, or None where none was begun."""
+    """Read the record of a run; None where none was begun.
+
+    Raises:
+        InputError: If the file is not such a record.
+    """
     try:
         return Record(**json.loads((folder / "run.json").read_text()))
     except FileNotFoundError:
         return None
     except (ValueError, TypeError) as error:
         raise InputError(
-            f"{folder / 'run.json'} is not what a study wrote ({error}): delete the folder to run it anew"
+            f"`{folder / 'run.json'}` must be the record of a run, got a file that is not ({error}). "
+            f"Try `rm -r {folder}` to run it anew."
         ) from error
 
 
 def write_record(folder: Path, record: Record) -> None:
-    """Keep the record of a run."""
+    """Write the record of a run."""
     with whole_file(folder / "run.json") as temporary:
         temporary.write_text(json.dumps(record._asdict(), indent=2) + "\n")
 
 
 def prepare(job: Job, budget: Budget, trained: bool, threads: int | None, retry: bool) -> Record:
-    """Enter a run into its folder, or find out what was made of it before.
+    """Plan a run in its folder, or find its record there.
 
     Args:
-        job: the run.
-        budget: of the study.
-        trained: whether the run makes steps.
-        threads: of its process.
-        retry: whether a run that failed is tried once more.
+        job: The run.
+        budget: Budget of the study.
+        trained: Whether the run is trained in steps.
+        threads: Threads of its process.
+        retry: Whether a run that failed is tried again.
+
+    Returns:
+        The record.
 
     Raises:
-        InputError: if the folder holds a run with other settings.
+        InputError: If the folder holds a run with other settings.
     """
     settings = {"overrides": list(job.overrides), **budget._asdict()}
     before = read_record(job.folder)
@@ -76,8 +85,8 @@ def prepare(job: Job, budget: Budget, trained: bool, threads: int | None, retry:
         record = Record(settings, trained, threads, budget.steps if trained else None)
     elif before.settings != settings:
         raise InputError(
-            f"{job.folder} was begun with {_difference(before.settings, settings)}: repeat the command it was begun "
-            "with, give the study another output, or delete that folder"
+            f"`output` must be a folder without runs of other settings, got {job.folder}, begun with "
+            f"{_difference(before.settings, settings)}. Try `output=outputs/studies/other`."
         )
     else:
         kept = before.state in (DONE, FAILED) and not (retry and before.state == FAILED)
@@ -92,9 +101,9 @@ def _begun(folder: Path) -> bool:
 
 
 def _difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """The settings of a run that changed, as people type them."""
+    """Describe the settings of a run that changed, in the syntax of overrides."""
     budget = [f"{key}={before[key]} (now {now[key]})" for key in ("minutes", "steps") if before[key] != now[key]]
     old, new = before["overrides"], now["overrides"]
     gone, added = [o for o in old if o not in new], [o for o in new if o not in old]
-    changed = [f"{' '.join(gone) or 'nothing'} where there is {' '.join(added) or 'nothing'} now"] * (old != new)
+    changed = [f"{' '.join(gone) or 'nothing'} (now {' '.join(added) or 'nothing'})"] if old != new else []
     return " and ".join([*budget, *changed])

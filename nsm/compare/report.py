@@ -1,4 +1,4 @@
-"""One folder that shows a study: tables, curves, strips, times, and a page that leads through them."""
+"""Report of a study: tables, curves, strips, times, and a page that shows them."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from nsm.plots.curves import plot_volume_curves
 from nsm.plots.strip import try_strip
 from nsm.plots.tables import Table, markdown, write_table
 
-#: The figures of the paper's table 9, which the page of a study begins with.
+#: Figures whose tables the page shows first, those of table 9 of the paper.
 _FIRST = ("volume std", "volume max")
-#: How figures of several seeds read.
-_SEEDS = "mean ± standard deviation (least–greatest), and a difference within that spread is none"
-#: Libraries whose version a result may depend on.
+#: Explanation of values over several seeds.
+_SEEDS = "mean ± standard deviation (least–greatest); differences within that spread are not significant"
+#: Libraries on whose versions results may depend.
 _LIBRARIES = ("torch", "lightning", "hydra-core", "pytorch-optimizer", "geomloss")
 
 
@@ -37,16 +37,19 @@ def write_report(
     settings: dict[str, Any],
     results: Sequence[Result],
     strip: dict[str, Any],
-    tell: Callable[[str], object],
+    progress: Callable[[str], object],
 ) -> list[Path]:
-    """Write everything into the study's folder; returns the files, the page to read first.
+    """Write the report into the folder of the study.
 
     Args:
-        study: what was asked for.
-        settings: its whole configuration, as plain values.
-        results: of all runs and official morphs.
-        strip: ``times`` and ``size`` of the strips.
-        tell: is told what is being written.
+        study: The study.
+        settings: Its whole configuration, as values that JSON can hold.
+        results: Results of all runs and official morphs.
+        strip: Keyword arguments ``times`` and ``size`` of the strips.
+        progress: Called with the name of each part as it begins.
+
+    Returns:
+        The files, with the page first.
     """
     folder = study.folder
     methods = [method.name for method in study.methods] + ([OFFICIAL] if study.official else [])
@@ -56,7 +59,7 @@ def write_report(
         content = {**facts, "settings": settings, "rows": described(results)}
         temporary.write_text(json.dumps(content, indent=2) + "\n")
 
-    tell("tables")
+    progress("tables")
     shown = [r for r in results if r.reason is None]
     by_figure = {name: figure_table(name, results, pairs, methods) for name in figure_names(results)}
     files = [file for name, table in by_figure.items() for file in write_table(folder / "tables" / _slug(name), table)]
@@ -72,7 +75,7 @@ def write_report(
         tables = {name: table for name, table in tables.items() if table.cells}
         for name, table in tables.items():
             files += write_table(folder / "pairs" / f"{pair}{name}", table)
-        pictures = _pictures(folder, pair, shown, methods, strip, tell)
+        pictures = _pictures(folder, pair, shown, methods, strip, progress)
         files += pictures
         sections.append(_section(pair, tables, [file.name for file in pictures]))
     files += _times(folder, shown)
@@ -84,7 +87,7 @@ def write_report(
 
 
 def _facts(study: Study) -> dict[str, Any]:
-    """The machine and the versions that a result depends on."""
+    """Collect the machine, the versions, and the protocol on which results depend."""
     return {
         "study": study.name,
         "budget": str(study.budget),
@@ -106,22 +109,26 @@ def _pictures(
     shown: Sequence[Result],
     methods: Sequence[str],
     strip: dict[str, Any],
-    tell: Callable[[str], object],
+    progress: Callable[[str], object],
 ) -> list[Path]:
-    """Volume curves (figure 10) and a strip with a row a method (figures 7, 8), of the first seed that is there."""
+    """Draw volume curves (figure 10 of the paper) and a strip with a row per method (figures 7 and 8).
+
+    Both are of the first seed that each method has.
+    """
     first = {r.method: r for r in reversed(shown) if r.pair == pair}
     first = {method: first[method] for method in methods if method in first}
     if not first:
         return []
-    tell(f"volume curves of {pair}")
+    progress(f"volume curves of {pair}")
     curves, picture = folder / f"volume_{pair}.png", folder / f"strip_{pair}.png"
     plot_volume_curves(curves, {name: (torch.tensor(r.times), torch.tensor(r.volumes)) for name, r in first.items()})
-    tell(f"strip of {pair}")
+    progress(f"strip of {pair}")
     morphs = {name: r.morph() for name, r in first.items()}
     return [curves, picture] if try_strip(picture, morphs, strip["times"], size=strip["size"]) else [curves]
 
 
 def _times(folder: Path, shown: Sequence[Result]) -> list[Path]:
+    """Draw the times of training and of a step as bars."""
     minutes: dict[str, dict[str, float]] = {}
     steps: dict[str, dict[str, float]] = {}
     for result in reversed(shown):
@@ -151,20 +158,20 @@ def _page(
     sections: Sequence[str],
     timed: bool,
 ) -> str:
-    threads = f"threads of a run: {study.threads}" if study.threads else "all of them for each run"
+    threads = f"{study.threads} threads" if study.threads else "all threads"
     head = [
         f"# Study {study.name}",
         "",
-        f"{study.budget} for each run, on a machine of {facts['cores']} cores ({facts['device']}), {threads}; "
+        f"Each run: {study.budget}, on a machine with {facts['cores']} cores ({facts['device']}), {threads}; "
         f"nsm {facts['versions']['nsm']}, torch {facts['versions']['torch']}. Volumes on "
         f"{study.protocol.volume_resolution} cells along the box at {study.protocol.times} times, ends on "
-        f"{study.protocol.surface_resolution}; of each run best.ckpt"
+        f"{study.protocol.surface_resolution}; the checkpoint of each run is best.ckpt"
         + (f"; seeds {', '.join(map(str, study.seeds))}: {_SEEDS}" if len(study.seeds) > 1 else "")
-        + ". The best of each column is in bold. `study.json` has everything.",
+        + ". The best value of each column is in bold. `study.json` holds all results and settings.",
         "",
     ]
     if missing := [r for r in results if r.reason is not None]:
-        head += ["## Not compared", "", "| pair | method | seed | why |", "| --- | --- | --- | --- |"]
+        head += ["## Not compared", "", "| pair | method | seed | reason |", "| --- | --- | --- | --- |"]
         head += [
             f"| {r.pair} | {r.method} | {'' if r.seed is None else r.seed} | {_in_cell(str(r.reason))} |"
             for r in missing
@@ -177,7 +184,7 @@ def _page(
             head += [f"## {name}", "", f"{tables[name].title}.", "", markdown(tables[name])]
     tail = ["## Times", "", "![Training times and step times](times.png)", ""] if timed else []
     names = [f"[{name}](tables/{_slug(name)}.md)" for name in tables]
-    tail += ["## All figures", "", "Each as .md, .csv and .tex: " + ", ".join(names) + ".", ""] if names else []
+    tail += ["## All figures", "", "Each as .md, .csv, and .tex: " + ", ".join(names) + ".", ""] if names else []
     return "\n".join([*head, *sections, *tail])
 
 

@@ -1,4 +1,4 @@
-"""What came out of each run: its figures, measured once and kept, and how its training went."""
+"""Result of each run: its figures, which are measured once and kept, and the course of its training."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,28 +21,33 @@ from nsm.io.loading import PUBLISHED, LoadedMorph, load_published, load_run
 from nsm.metrics import Protocol, all_metrics, evaluate_morph
 from nsm.types import Morph
 
-#: Rows at the end of a log of which the mean is taken, since one batch alone is noisy.
+#: Rows at the end of a log that are averaged, since a single batch is noisy.
 _LAST_ROWS = 5
-#: Is told what is being done.
-Tell = Callable[[str], object]
+#: Called with the name of each stage as it begins.
+OnStage = Callable[[str], object]
 
 
 @dataclass(frozen=True)
 class Result:
-    """A run, or an official morph, and what came out of it.
+    """Result of a run or of an official morph.
 
     Attributes:
-        pair, method, seed: which; an official morph has no seed.
-        reason: why there is nothing to compare; None if there is.
-        figures: of quality, by name (`nsm.metrics.Evaluation.figures`).
-        times, volumes: the volume curve, both (k,).
-        steps: made.
-        training_s, step_s, preparing_s: seconds; None where unknown.
-        terms: the weighted terms of the loss at the end of training.
-        checkpoint: the file that was looked at.
-        ends: of the morph, ``exact`` or ``network``.
-        network_figures: the same figures of the network alone, where ``figures`` are those of the morph with exact
-            ends; empty where they are of the network already.
+        pair: Name of the pair.
+        method: Name of the method.
+        seed: Seed; None for an official morph.
+        reason: Reason why there are no figures; None if there are.
+        figures: Figures of merit by name (`nsm.metrics.Evaluation.figures`).
+        times: Times of the volume curve, k of them.
+        volumes: Volume at each time.
+        steps: Number of steps of training; None for a method in closed form.
+        training_s: Seconds of training; None where unknown.
+        step_s: Seconds per step; None where unknown.
+        preparing_s: Seconds that the shapes took before training; None where unknown.
+        terms: Weighted terms of the loss at the end of training.
+        checkpoint: Checkpoint that was evaluated; for an official morph, its origin.
+        ends: Ends of the morph, ``exact`` or ``network``.
+        network_figures: Figures of the network alone where ``figures`` are those of the morph with exact ends; empty
+            where ``figures`` are of the network already.
     """
 
     pair: str
@@ -61,7 +67,7 @@ class Result:
     network_figures: dict[str, float | None] = field(default_factory=dict)
 
     def morph(self) -> Morph:
-        """The morph itself, loaded anew."""
+        """Load the morph."""
         if self.checkpoint is None:
             raise ValueError(f"{self.method} made no morph of {self.pair}")
         official = self.checkpoint.removeprefix(PUBLISHED)
@@ -70,43 +76,36 @@ class Result:
         return load_run(f"{self.pair}/{self.method}", Path(self.checkpoint), self.ends).morph
 
 
-def result_of_run(study: Study, job: Job, tell: Tell) -> Result:
-    """Evaluate a run, unless its checkpoint was evaluated under this protocol before."""
+def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
+    """Evaluate a run, unless its checkpoint has been evaluated under this protocol before."""
     bare = Result(job.pair, job.method, job.seed, ends=study.ends)
     record = read_record(job.folder)
     if record is None or record.state != DONE:
-        state = record.state if record else "not begun"
-        retry = "; retry=true tries again" if state == FAILED else ""
-        unfinished = f"it was left {state}; repeat the command to go on"
+        state = record.state if record else "not started"
+        retry = "; try it again with `retry=true`" if state == FAILED else ""
+        unfinished = f"the run is {state}; repeat the command to resume it"
         return replace(bare, reason=record.reason + retry if record and record.reason else unfinished)
     file = job.folder / "checkpoints" / "best.ckpt"
-    bare = replace(_timed(bare, job.folder), steps=record.steps, terms=_last_terms(job.folder))
+    timed = _timed(bare, job.folder)
+    bare = replace(timed, steps=record.steps, terms=_last_terms(job.folder), checkpoint=str(file))
     try:
         key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends}
-        return _evaluated(
-            bare,
-            job.folder,
-            key,
-            lambda: load_run(job.name, file, study.ends),
-            study.protocol,
-            tell,
-            str(file),
-        )
-    except (InputError, OSError, ValueError, RuntimeError) as error:  # one row must not end the study
-        return replace(bare, reason=f"it could not be evaluated: {error}")
+        load = partial(load_run, job.name, file, study.ends)
+        return _evaluated(bare, job.folder, key, load, study.protocol, progress)
+    except (InputError, OSError, ValueError, RuntimeError) as error:
+        # one row must not end the study
+        return replace(bare, reason=f"its morph could not be evaluated: {error}")
 
 
-def result_of_official(study: Study, pair: Choice, tell: Tell) -> Result:
+def result_of_official(study: Study, pair: Choice, progress: OnStage) -> Result:
     """Evaluate the authors' morph of a pair."""
-    bare = Result(pair.name, OFFICIAL, None)
     name = official_pair(pair)
     if name is None:
-        return replace(bare, reason="the authors published no morph of this pair")
-    folder = study.folder / "runs" / pair.name / OFFICIAL
+        return Result(pair.name, OFFICIAL, None, reason="the authors published no morph of this pair")
+    bare = Result(pair.name, OFFICIAL, None, checkpoint=f"{PUBLISHED}{name}")
+    folder, key = study.folder / "runs" / pair.name / OFFICIAL, {"checkpoint": bare.checkpoint}
     try:
-        published = f"{PUBLISHED}{name}"
-        key = {"checkpoint": published}
-        return _evaluated(bare, folder, key, lambda: load_published(name), study.protocol, tell, published)
+        return _evaluated(bare, folder, key, partial(load_published, name), study.protocol, progress)
     except (InputError, OSError, ValueError, RuntimeError) as error:
         return replace(bare, reason=str(error))
 
@@ -117,11 +116,10 @@ def _evaluated(
     key: dict[str, Any],
     load: Callable[[], LoadedMorph],
     protocol: Protocol,
-    tell: Tell,
-    checkpoint: str,
+    progress: OnStage,
 ) -> Result:
-    """The result with its figures, from ``evaluation.json`` if that is of the same key."""
-    # a version that measures more measures again
+    """Add the figures to a result, from ``evaluation.json`` if that has the same key."""
+    # a version with other figures measures again
     names = hashlib.sha256("\n".join(metric.name for metric in all_metrics()).encode()).hexdigest()
     key = key | {"protocol": protocol.describe(), "version": nsm.__version__, "figures": names}
     file = folder / "evaluation.json"
@@ -130,10 +128,10 @@ def _evaluated(
         loaded = load()
         name = f"{bare.pair}/{bare.method}"
         flow_error = None if loaded.exact is None else loaded.exact.flow_error
-        result = evaluate_morph(loaded.morph, protocol, lambda stage: tell(f"{name}: {stage}"), flow_error)
+        result = evaluate_morph(loaded.morph, protocol, lambda stage: progress(f"{name}: {stage}"), flow_error)
         network: dict[str, float | None] = {}
         if loaded.network is not None:
-            without = evaluate_morph(loaded.network, protocol, lambda stage: tell(f"{name} (network): {stage}"))
+            without = evaluate_morph(loaded.network, protocol, lambda stage: progress(f"{name} (network): {stage}"))
             network = without.to_dict()["figures"]
         kept = {"key": key, **result.to_dict(), "network_figures": network}
         with whole_file(file) as temporary:
@@ -146,12 +144,11 @@ def _evaluated(
         network_figures=kept["network_figures"],
         times=curve["times"],
         volumes=volumes,
-        checkpoint=checkpoint,
     )
 
 
 def _timed(bare: Result, folder: Path) -> Result:
-    """With the times that the run noted; a method that makes no steps has only its summary."""
+    """Add the times that the run recorded; a method in closed form has only its summary."""
     summary = json.loads((folder / "summary.json").read_text())
     file = folder / "step_times.json"
     times = json.loads(file.read_text()) if file.is_file() else {}
@@ -160,7 +157,7 @@ def _timed(bare: Result, folder: Path) -> Result:
 
 
 def _last_terms(folder: Path) -> dict[str, float]:
-    """Mean of the last logged values of each term of the loss."""
+    """Average the last logged values of each term of the loss."""
     log = folder / "log" / "metrics.csv"
     if not log.is_file():
         return {}
@@ -172,7 +169,7 @@ def _last_terms(folder: Path) -> dict[str, float]:
 
 
 def described(results: Iterable[Result]) -> list[dict[str, Any]]:
-    """Results as JSON takes them."""
+    """Convert results to values that JSON can hold."""
     return [
         {key: value for key, value in asdict(result).items() if key not in ("times", "volumes")}
         | {"volume": {"times": result.times, "volumes": [v if math.isfinite(v) else None for v in result.volumes]}}

@@ -1,4 +1,4 @@
-"""One run of a study, in a process of its own: its steps are measured where needed, then it is trained."""
+"""One run of a study in a process of its own: its steps are timed where needed, then it is trained."""
 
 from __future__ import annotations
 
@@ -14,43 +14,49 @@ from typing import Any
 
 from nsm.compare.record import DONE, FAILED, INTERRUPTED, MEASURING, TRAINING, Record, read_record, write_record
 
-#: Steps by which the time of one step is measured; those of the warm-up come first and do not count.
+#: Steps in which the time of one step is measured; the steps of the warm-up do not count.
 MEASURED_STEPS = 40
-#: What every run of a study is given: pictures are drawn by the study, and its time is taken.
+#: Overrides of every run: the study draws the pictures, and the time of each step is recorded.
 OVERRIDES = (
     "callbacks=none",
     "+callbacks.step_times._target_=nsm.train.callbacks.StepTimes",
     "+callbacks.step_times.folder=${hydra:runtime.output_dir}",
 )
-#: What a run is given besides while its steps are measured: nobody looks at a shape that has hardly begun, and some
-#: methods have none by then; and steps so small that a short schedule cannot throw it off.
+#: Further overrides while steps are timed: no checkpoints or validations, since some methods have no surface so early,
+#: and a learning rate so small that the short schedule cannot make training diverge.
 _TRIAL = (
     "~callbacks.checkpoints",
     "+callbacks.unvalidated._target_=nsm.train.callbacks.Unvalidated",
     "optimizer.lr=1e-6",
 )
-#: What trains.
+#: Module of the command that trains.
 COMMAND = "nsm.train"
-#: Seconds that a run has to finish its step and keep it when the study is stopped.
+#: Seconds that a run may take to finish its step and save it when the study is stopped.
 _PATIENCE = 120.0
-#: What shells and our commands add to the number of a signal that ended them.
+#: Exit status of a process that a signal ended, minus the number of the signal, by the convention of shells.
 _BY_SIGNAL = 128
-#: Steps are rounded down to so many digits.
+#: Digits to which a number of steps is rounded down.
 _DIGITS = 3
 
 
 def carry_out(config: Mapping[str, Any]) -> str:
-    """Make or go on with the run whose folder is ``config["folder"]``, as its ``run.json`` says.
+    """Carry out or resume the run in the folder ``config["folder"]``, as its ``run.json`` specifies.
 
-    Whatever goes wrong is written down there; nothing is raised but what stops the whole study.
+    A failure of the run is recorded there and not raised.
+
+    Args:
+        config: Configuration of ``conf/compare_run.yaml``.
 
     Returns:
-        The state that it is left in.
+        The state of the run afterwards.
+
+    Raises:
+        FileNotFoundError: If the folder has no record.
     """
     folder = Path(config["folder"])
     record = read_record(folder)
     if record is None:
-        raise FileNotFoundError(f"{folder / 'run.json'} is missing: the study that planned this run was moved")
+        raise FileNotFoundError(f"{folder / 'run.json'} is missing; the study was moved while it ran")
     if record.trained and record.steps is None and record.settings["minutes"] is not None:
         record = _measured(folder, record)
     if record.reason is None:
@@ -60,7 +66,7 @@ def carry_out(config: Mapping[str, Any]) -> str:
 
 
 def _measured(folder: Path, record: Record) -> Record:
-    """With as many steps as the minutes allow, by the time of a few."""
+    """Find the number of steps that the minutes allow, by timing a few."""
     write_record(folder, record._replace(state=MEASURING))
     trial = folder / "measure"
     shutil.rmtree(trial, ignore_errors=True)
@@ -96,9 +102,12 @@ def _arguments(record: Record, folder: Path, steps: int | None) -> list[str]:
 
 
 def _start(arguments: Sequence[str], log: Path, threads: int | None) -> int:
-    """Train in another process and wait for it; returns its exit status, negative for a signal.
+    """Train in another process and wait for it.
 
-    A Ctrl-C goes to this process alone, which lets the other one finish its step and keep it.
+    Ctrl-C reaches this process alone, which lets the other one finish its step and save it.
+
+    Returns:
+        The exit status, negative for a signal.
     """
     environment = dict(os.environ) | ({"OMP_NUM_THREADS": str(threads)} if threads else {})
     command = [sys.executable, "-m", "nsm.compare.child", COMMAND, *arguments]
@@ -125,12 +134,12 @@ def _start(arguments: Sequence[str], log: Path, threads: int | None) -> int:
 
 
 def _failed(record: Record, status: int, log: Path) -> Record:
-    """The record with the reason that the log and the exit status give."""
+    """Record a failure with the reason that the log or the exit status gives."""
     ended = -status if status < 0 else status - _BY_SIGNAL
     if ended in set(signal.Signals):
         name = signal.Signals(ended).name
-        short = ", as happens where memory runs out" if name == "SIGKILL" else ""
-        return record._replace(state=INTERRUPTED, reason=f"its process was ended by {name}{short}")
+        hint = ", possibly because memory ran out" if name == "SIGKILL" else ""
+        return record._replace(state=INTERRUPTED, reason=f"its process was ended by {name}{hint}")
     lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
     sentences = [line.removeprefix("nsm: ") for line in lines if line.startswith("nsm: ")]
     nothing = f"it ended with status {status} and without a summary"
@@ -138,6 +147,6 @@ def _failed(record: Record, status: int, log: Path) -> Record:
 
 
 def _rounded(steps: float) -> int:
-    """Rounded down to a number that people can read."""
+    """Round a number of steps down to a few digits."""
     unit = 10 ** max(0, len(str(int(steps))) - _DIGITS)
     return int(steps) // unit * unit

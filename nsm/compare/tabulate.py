@@ -33,7 +33,7 @@ def figure_table(name: str, results: Sequence[Result], pairs: Sequence[str], row
         rows: Methods, in order.
     """
     metric = find_metric(name)
-    title = f"{name}: {metric.meaning} ({metric.unit.name})"
+    title = f"{name} ({metric.unit.name}): {metric.meaning}"
     columns = [Column.of(metric, pair) for pair in pairs]
     cells = {}
     for pair in pairs:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Self
 
 from nsm.metrics.measurements import ENDS, Measurements
 from nsm.metrics.unit import Unit
@@ -27,61 +29,64 @@ class Section(Enum):
     EXACT_ENDS = "exact ends"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Metric(ABC):
     """A figure of merit of a morph.
 
-    Each is an attribute of a module in `nsm.metrics.figures`; a new module there is all that a new figure takes.
+    Each is a function in a module of `nsm.metrics.figures`, decorated with `define`. A new module there is all that a
+    new figure takes.
 
     Args:
         name: Name in tables and in ``metrics.json``.
         unit: Unit of the values, which also sets the number of digits shown.
-        meaning: Definition in one sentence.
         section: Part of the table in which the figure is shown.
+        compute: Computes the figure; its docstring defines it. None where the figure does not apply, such as one of V
+            for a morph without velocity.
         ideal: Value of a perfect morph: the nearer a value, the better. None where no value is better than another.
         heading: Heading of the figure's column in a study's overview of a pair; None to leave it out there.
     """
 
     name: str
     unit: Unit
-    meaning: str
     section: Section
+    compute: Callable[..., float | None]
     ideal: float | None = 0.0
     heading: str | None = None
+
+    @classmethod
+    def define(
+        cls, name: str, unit: Unit, section: Section, ideal: float | None = 0.0, heading: str | None = None
+    ) -> Callable[[Callable[..., float | None]], Self]:
+        """Make a metric of the function below; the arguments are those of the class."""
+        return lambda compute: cls(name, unit, section, compute, ideal, heading)
+
+    @property
+    def meaning(self) -> str:
+        """Definition of the figure in one sentence, without a period."""
+        return (inspect.getdoc(self.compute) or self.name).removesuffix(".")
 
     @abstractmethod
     def values(self, measured: Measurements) -> dict[str, float]:
         """Values by the name of their row; nan where one is not defined, nothing where it does not apply."""
 
+    @abstractmethod
     def names(self) -> tuple[str, ...]:
         """Names of the rows that this metric may fill, in order."""
-        return (self.name,)
 
 
-@dataclass(frozen=True, kw_only=True)
 class MorphMetric(Metric):
-    """A figure that a morph has one of.
-
-    Args:
-        compute: Computes the figure; None where it does not apply, such as one of V for a morph without velocity.
-    """
-
-    compute: Callable[[Measurements], float | None]
+    """A figure that a morph has one of; its function takes the measurements."""
 
     def values(self, measured: Measurements) -> dict[str, float]:
         value = self.compute(measured)
         return {} if value is None else {self.name: float(value)}
 
+    def names(self) -> tuple[str, ...]:
+        return (self.name,)
 
-@dataclass(frozen=True, kw_only=True)
+
 class EndMetric(Metric):
-    """A figure that is taken at t = 0 and at t = 1.
-
-    Args:
-        compute: Computes the figure at one of these times; None where it does not apply.
-    """
-
-    compute: Callable[[Measurements, float], float | None]
+    """A figure that is taken at t = 0 and at t = 1; its function takes the measurements and the time."""
 
     def values(self, measured: Measurements) -> dict[str, float]:
         found = {name: self.compute(measured, time) for name, time in zip(self.names(), ENDS, strict=True)}

@@ -20,22 +20,31 @@ TIME_STEP = 1e-3
 
 
 class RegionResiduals(NamedTuple):
-    """Means over a part of space at one time; not a number where it has no points, or there is no velocity."""
+    """Means over a region of space at one time; nan where the region has no points, or the morph no velocity.
+
+    Attributes:
+        time: The time.
+        points: Number of points that were averaged.
+        eikonal: Mean of |‖∇f‖ − 1|.
+        level_set: Mean of |∂f/∂t + ⟨∇f, V⟩| over the mean of ‖∇f‖, a length per unit of time. It does not depend on the
+            scale of f, and points where ∇f vanishes, which every shape has, do not dominate it.
+        divergence: Mean of |div V|, per unit of time.
+    """
 
     time: float
-    #: How many points were looked at.
     points: int
-    #: Mean of |‖∇f‖ − 1|, without unit.
     eikonal: float
-    #: Mean of |∂f/∂t + ⟨∇f, V⟩| over the mean of ‖∇f‖, a length per unit of time; scaling f does not change it, and
-    #: the places where ∇f vanishes (there are some in every shape) do not rule it.
     level_set: float
-    #: Mean of |div V|, per unit of time.
     divergence: float
 
 
 class SpaceResiduals(NamedTuple):
-    """Residuals at one time in the shell {|f| < width} and in the whole box."""
+    """Residuals at one time.
+
+    Attributes:
+        shell: In the shell {|f| < width} around the surface.
+        box: In the whole box.
+    """
 
     shell: RegionResiduals
     box: RegionResiduals
@@ -43,12 +52,12 @@ class SpaceResiduals(NamedTuple):
 
 @torch.no_grad()
 def space_residuals(morph: Morph, time: float, width: float = SHELL_WIDTH) -> SpaceResiduals:
-    """Measure the residuals at points drawn evenly in ``morph.bounds``, always the same ones.
+    """Measure the residuals at points drawn evenly in ``morph.bounds``, the same ones in each call.
 
     Args:
-        morph: the morph.
-        time: when to look.
-        width: |f| on the rim of the shell.
+        morph: Morph to measure.
+        time: The time.
+        width: |f| on the rim of the shell, in units of length.
     """
     low, high = morph.bounds
     generator = torch.Generator(low.device).manual_seed(0)
@@ -59,9 +68,18 @@ def space_residuals(morph: Morph, time: float, width: float = SHELL_WIDTH) -> Sp
 
 
 def rate(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"]:
-    """∂f/∂t (n,) by differences of second order: central, and one-sided at 0 and 1, where a morph may end."""
+    """Partial derivative ∂f/∂t by differences of second order, one-sided near 0 and 1, where a morph may end.
+
+    Args:
+        morph: Morph that gives f.
+        x: Points, shape (n, d).
+        time: The time.
+
+    Returns:
+        ∂f/∂t, shape (n,).
+    """
     with torch.no_grad():
-        # steps and their weights
+        # weight of f by the number of steps from the time
         if time < TIME_STEP:
             stencil = {0: -1.5, 1: 2.0, 2: -0.5}
         elif time > 1 - TIME_STEP:
@@ -73,7 +91,7 @@ def rate(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " 
 
 
 def level_set_residual(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"] | None:
-    """∂f/∂t + ⟨∇f, V⟩ (n,), a distance per unit of time where f is one; None for a method without velocity."""
+    """Residual of the level set equation, ∂f/∂t + ⟨∇f, V⟩, shape (n,); None for a morph without velocity."""
     velocity = morph.velocity(x, time)
     if velocity is None:
         return None
@@ -81,18 +99,18 @@ def level_set_residual(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Fl
 
 
 def eikonal_residual(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"]:
-    """‖∇f‖ − 1 (n,): 0 for a distance."""
+    """Residual of the eikonal equation, ‖∇f‖ − 1, shape (n,)."""
     return morph.gradient(x, time).detach().norm(dim=1) - 1
 
 
 def divergence(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"] | None:
-    """div V (n,) per unit of time, detached; None without V."""
+    """Divergence of V per unit of time, detached, shape (n,); None for a morph without velocity."""
     value = morph.divergence(x, time)
     return None if value is None else value.detach()
 
 
-def mean_size(values: Float[Tensor, " n"] | None) -> float:
-    """Mean of |values|; not a number where there are none."""
+def mean_magnitude(values: Float[Tensor, " n"] | None) -> float:
+    """Mean of |values|; nan for None."""
     return math.nan if values is None else float(values.abs().mean())
 
 
@@ -100,5 +118,6 @@ def _region(morph: Morph, points: Tensor, time: float) -> RegionResiduals:
     if not len(points):
         return RegionResiduals(time, 0, math.nan, math.nan, math.nan)
     eikonal = eikonal_residual(morph, points, time)
-    level_set = mean_size(level_set_residual(morph, points, time)) / float((eikonal + 1).mean())
-    return RegionResiduals(time, len(points), mean_size(eikonal), level_set, mean_size(divergence(morph, points, time)))
+    level_set = mean_magnitude(level_set_residual(morph, points, time)) / float((eikonal + 1).mean())
+    div = mean_magnitude(divergence(morph, points, time))
+    return RegionResiduals(time, len(points), mean_magnitude(eikonal), level_set, div)

@@ -10,7 +10,7 @@ import torch
 from nsm.geometry import topology
 from nsm.geometry.distance import sample_mesh
 from nsm.metrics.pieces import Pieces
-from nsm.metrics.residuals import divergence, level_set_residual, mean_size, rate
+from nsm.metrics.residuals import divergence, level_set_residual, mean_magnitude, rate
 from nsm.types import Morph, SimplexMesh
 
 #: Points drawn on the surface.
@@ -77,6 +77,6 @@ def surface_figures(morph: Morph, time: float, mesh: SimplexMesh) -> SurfaceFigu
         float(norm.mean()),
         float(norm.std()),
         float((rate(morph, points, time).abs() / norm).mean()),
-        mean_size(None if residual is None else residual / norm),
-        mean_size(divergence(morph, points, time)),
+        mean_magnitude(None if residual is None else residual / norm),
+        mean_magnitude(divergence(morph, points, time)),
     )

@@ -1,4 +1,4 @@
-"""Slices through a morph: where its two equations do not hold, with the contour of the surface on top."""
+"""Slices through a morph that show the residuals of its two equations, with the surface as a contour."""
 
 from __future__ import annotations
 
@@ -20,54 +20,61 @@ from torch import Tensor
 
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
+from nsm.cli.settings import choice, invalid
 from nsm.geometry.grid import Lattice, evaluate
 from nsm.metrics.residuals import eikonal_residual, level_set_residual
 from nsm.types import Morph
 
-#: Times of the columns unless told otherwise.
+#: Default times of the columns.
 TIMES = (0.25, 0.5, 0.75)
+#: Names of the axes of space.
 AXES = "xyz"
-#: Points evaluated at once: the Jacobian of a velocity takes much more memory than a value.
+#: Points evaluated at once, few since the Jacobian of a velocity takes much more memory than a value.
 _CHUNK = 1 << 14
-#: Perceptually uniform, light where a residual is small, so that black lines are seen on it.
-_COLOURS = "magma_r"
-#: The colours end at this percentile of all residuals of a kind, as few places are far beyond.
+#: Color map: perceptually uniform, and light where a residual is small so that black lines stand out.
+_COLORS = "magma_r"
+#: Percentile of all residuals of a kind at which the color scale ends, since a few values are far larger.
 _PERCENTILE = 99.0
-#: Level sets that are drawn besides the surface, as a share of the longest edge of the box.
+#: Distance between the level sets that are drawn besides the surface, relative to the longest edge of the box.
 _LEVELS = 0.05
-#: Inches: width of one picture, and of what stands around the pictures.
+#: Sizes in inches: width of a picture, of the names, and of the color bar, and height of the titles.
 _PICTURE, _NAMES, _BAR, _TITLE = 1.7, 0.35, 0.75, 0.3
 
 Residual = Callable[[Morph, Tensor, float], Tensor | None]
-#: Which residuals are shown, and what stands beside their colours.
+#: Residuals that are shown, by the label of their color bar.
 RESIDUALS: dict[str, Residual] = {
     "Eikonal  | ‖∇f‖ − 1 |": eikonal_residual,
     "level set  | ∂f/∂t + ⟨∇f, V⟩ |": level_set_residual,
 }
 
 
-class Plane(NamedTuple):
-    """Where a slice of a morph in 3D lies; in 2D the whole plane is shown.
+class SlicePlane(NamedTuple):
+    """Plane of a slice through a morph in 3D; in 2D the whole box is shown.
 
     Attributes:
-        axis: x, y or z: the direction across the plane.
-        offset: the coordinate of the plane along it.
+        axis: Axis perpendicular to the plane: x, y, or z.
+        offset: Coordinate of the plane along this axis.
     """
 
     axis: str = "z"
     offset: float = 0.0
 
 
-#: The slice that is shown unless told otherwise.
-MIDDLE = Plane()
+#: Default plane.
+MIDDLE = SlicePlane()
 
 
 class _Slice(NamedTuple):
-    """What one picture shows: f and the residual (rows, columns), None without velocity; and its place."""
+    """Content of one picture.
+
+    Attributes:
+        values: Values of f, shape (rows, columns), the lowest row first.
+        residual: Residual at the same points; None for a morph without velocity.
+        extent: Left, right, bottom, and top edge.
+    """
 
     values: np.ndarray
     residual: np.ndarray | None
-    #: left, right, bottom, top.
     extent: tuple[float, float, float, float]
 
 
@@ -75,26 +82,25 @@ def plot_residual_slices(
     path: Path | str,
     morphs: Morph | Mapping[str, Morph],
     times: Sequence[float] = TIMES,
-    plane: Plane = MIDDLE,
+    plane: SlicePlane = MIDDLE,
     *,
     resolution: int = 200,
 ) -> None:
-    """Draw both residuals at some times, one row a residual and a morph; the surface is the strong line.
+    """Draw both residuals at some times, one row per residual and morph, with the surface as a strong line.
 
-    Rows of one residual share their colours, whose bar stands beside them and ends at the 99th percentile. Thin lines
-    are further level sets: where they crowd or part, f is no distance. A method without velocity has no level set
-    residual, and no row for it.
+    Rows of one residual share a color scale, which ends at the 99th percentile. Thin lines are further level sets,
+    whose distances vary where f is not a distance. A morph without velocity has no row for the level set residual.
 
     Args:
-        path: the picture; its suffix chooses the format (.png, .pdf, .svg).
-        morphs: one morph, or several of the same dimension by name; names are written beside the rows.
-        times: of the columns.
-        plane: where to cut (3D).
-        resolution: pixels along the longest edge of the box.
+        path: Picture to write; its suffix chooses the format (.png, .pdf, .svg).
+        morphs: One morph, or several of the same dimension by the name that is written beside their rows.
+        times: Times of the columns.
+        plane: Plane of the slices (3D).
+        resolution: Pixels along the longest edge of the box.
 
     Raises:
-        InputError: if morphs of 2 and 3 dimensions are to share a picture, there is nothing to draw, or the plane does
-            not cut the box of a morph.
+        InputError: If the morphs differ in dimension, a time is not in [0, 1], or the plane does not intersect the box
+            of a morph.
     """
     rows = morphs if isinstance(morphs, Mapping) else {"": morphs}
     require_slices(rows, times, plane)
@@ -130,36 +136,38 @@ def plot_residual_slices(
         figure.savefig(temporary, facecolor="white")
 
 
-def require_slices(rows: Mapping[str, Morph], times: Sequence[float], plane: Plane) -> None:
-    """Refuse slices that cannot be drawn, before long work is done for them.
+def require_slices(rows: Mapping[str, Morph], times: Sequence[float], plane: SlicePlane, prefix: str = "") -> None:
+    """Check that slices can be drawn, before long work is done for them.
+
+    Args:
+        rows: Morphs by name.
+        times: Times of the columns.
+        plane: Plane of the slices (3D).
+        prefix: Beginning of the names of the settings in messages, such as ``slices.``.
 
     Raises:
-        InputError: as `plot_residual_slices` does.
+        InputError: As `plot_residual_slices` does.
     """
     dims = {morph.dim for morph in rows.values()}
-    if len(dims) != 1 or not len(times):
+    if len(dims) != 1:
         raise InputError(
-            f"slices show morphs of one dimension at one time or more, not of dimensions {sorted(dims)} at "
-            f"{len(times)} times: draw them separately"
+            f"Morphs in one picture of slices must be of one dimension, got dimensions {sorted(dims)}. "
+            "Try one picture for each dimension."
         )
-    outside = [time for time in times if not 0 <= time <= 1]
-    if outside:
-        raise InputError(f"there is no slice at the time {outside[0]:g}: give times from 0 to 1, such as [0.25,0.5]")
+    if not len(times) or not all(0 <= time <= 1 for time in times):
+        raise invalid(f"{prefix}times", "a list of times from 0 to 1", list(times), "[0.25,0.5]")
     if dims == {2}:
         return
-    if plane.axis not in AXES or len(plane.axis) != 1:
-        raise InputError(f"axis={plane.axis} is no direction to look along: give x, y or z")
+    choice(f"{prefix}axis", plane.axis, AXES)
     for morph in rows.values():
         low, high = morph.bounds[:, AXES.index(plane.axis)].tolist()
         if not low < plane.offset < high:
-            raise InputError(
-                f"offset={plane.offset:g} lies outside the box: give a coordinate {plane.axis} between {low:g} and "
-                f"{high:g}"
-            )
+            inside = f"a coordinate inside the box of the morph, between {low:g} and {high:g}"
+            raise invalid(f"{prefix}offset", inside, f"{plane.offset:g}", f"{(low + high) / 2:g}")
 
 
-def _slice(morph: Morph, time: float, plane: Plane, residual: Residual, resolution: int) -> _Slice:
-    """Values and residuals on the pixels of the plane, the lowest row first."""
+def _slice(morph: Morph, time: float, plane: SlicePlane, residual: Residual, resolution: int) -> _Slice:
+    """Evaluate f and a residual at the pixels of a plane."""
     across = [axis for axis in range(morph.dim) if morph.dim == 2 or AXES[axis] != plane.axis]
     bounds = morph.bounds[:, across]
     lattice = Lattice.centers(bounds, resolution)
@@ -181,17 +189,17 @@ def _lifted(flat: Float[Tensor, "n 2"], across: Sequence[int], dim: int, offset:
 
 
 def _scale(parts: Mapping[str, Sequence[_Slice]]) -> float:
-    """The residual at the end of the colours."""
+    """Residual at the end of the color scale."""
     values = [piece.residual for row in parts.values() for piece in row if piece.residual is not None]
     top = float(np.nanpercentile(np.concatenate([v.ravel() for v in values]), _PERCENTILE))
-    # an exact morph has no residual but rounding, and should not look otherwise
+    # residuals of an exact morph are rounding errors, and must not fill the color scale
     return max(top, 1e-4) if math.isfinite(top) else 1.0
 
 
 def _draw(axis: Axes, piece: _Slice, scale: float) -> AxesImage:
     residual = np.full_like(piece.values, np.nan) if piece.residual is None else piece.residual
     image = axis.imshow(
-        residual, extent=piece.extent, origin="lower", cmap=_COLOURS, vmin=0, vmax=scale, interpolation="bilinear"
+        residual, extent=piece.extent, origin="lower", cmap=_COLORS, vmin=0, vmax=scale, interpolation="bilinear"
     )
     left, right, bottom, top = piece.extent
     rows, columns = piece.values.shape
@@ -209,7 +217,7 @@ def _draw(axis: Axes, piece: _Slice, scale: float) -> AxesImage:
 
 
 def _figure(rows: Sequence[Sequence[_Slice]], named: bool) -> tuple[Figure, np.ndarray]:
-    """A figure whose axes (rows, columns) have the shape of the slices."""
+    """Make a figure whose axes have the shapes of the slices."""
     heights = [_PICTURE * (p[0].extent[3] - p[0].extent[2]) / (p[0].extent[1] - p[0].extent[0]) for p in rows]
     columns = len(rows[0])
     size = (columns * _PICTURE + _BAR + (_NAMES if named else 0), sum(heights) + 0.05 * len(rows) + _TITLE)

@@ -17,7 +17,7 @@ from nsm.io.loading import LoadedMorph, load_morphs, output_folder
 from nsm.morphs.surfaces import ExactVolume, Levels
 from nsm.plots.colors import color_function
 from nsm.plots.look import Look, zero_levels
-from nsm.plots.slices import Plane, plot_residual_slices
+from nsm.plots.slices import SlicePlane, plot_residual_slices
 from nsm.plots.strip import render_strip
 from nsm.render.film import Pace, render_film, render_turntable
 from nsm.types import Morph
@@ -63,7 +63,8 @@ def _turntable(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any],
 
 
 def _slices(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any], report: Report) -> None:
-    plane, times = Plane(str(config["axis"]), number("offset", config["offset"])), moments("times", config["times"])
+    plane = SlicePlane(str(config["axis"]), number("offset", config["offset"]))
+    times = moments("times", config["times"])
     report(0, 1)
     plot_residual_slices(
         file, _rows(loaded), times, plane, resolution=whole_number("resolution", config["resolution"], 16)

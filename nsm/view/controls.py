@@ -12,7 +12,7 @@ import viser
 from viser import uplot
 
 from nsm.plots.colors import RESIDUALS, colormap
-from nsm.plots.curves import COLOURS as SERIES
+from nsm.plots.curves import COLORS
 from nsm.view.pictures import Settings, Surface
 
 #: Resolutions to choose from, besides the initial one.
@@ -197,7 +197,7 @@ class Controls:
 
     def _empty_curves(self) -> tuple[tuple[np.ndarray, ...], tuple[uplot.Series, ...]]:
         series = [
-            uplot.Series(label=name, stroke=SERIES[n % len(SERIES)], width=2) for n, name in enumerate(self.names)
+            uplot.Series(label=name, stroke=COLORS[n % len(COLORS)], width=2) for n, name in enumerate(self.names)
         ]
         return tuple(np.zeros(1) for _ in range(len(series) + 1)), (uplot.Series(label="t"), *series)
 

@@ -169,7 +169,8 @@ def test_a_slice_that_misses_the_box_is_refused_before_anything_is_measured(
 ) -> None:
     file = save(shrinking(3, 0.1), tmp_path / "ball.ckpt")
     assert run_here(evaluate, f"checkpoint={file}", "slices.offset=3", "output=results") == 2
-    assert "offset=3 lies outside the box" in sentence(capfd.readouterr().err)
+    words = "inside the box of the morph, between -1 and 1, got 3. Try `slices.offset=0`"
+    assert f"`slices.offset` must be a coordinate {words}" in sentence(capfd.readouterr().err)
     assert not (tmp_path / "results").exists()
 
 

@@ -11,7 +11,7 @@ from problems import MOTIONS, Ball, LinearMotion
 from nsm.cli.errors import InputError
 from nsm.metrics.residuals import eikonal_residual, level_set_residual
 from nsm.plots.curves import plot_curves
-from nsm.plots.slices import Plane, _slice, plot_residual_slices
+from nsm.plots.slices import SlicePlane, _slice, plot_residual_slices
 
 
 class Silent(LinearMotion):
@@ -30,7 +30,7 @@ def shape_of(path):
 def test_a_slice_is_the_plane_that_was_asked_for(axis, across):
     """f of a ball off the middle, pixel by pixel; rows go up, columns to the right."""
     motion = MOTIONS["translating_ball"](3)
-    piece = _slice(motion, 0.5, Plane(axis, 0.2), eikonal_residual, 20)
+    piece = _slice(motion, 0.5, SlicePlane(axis, 0.2), eikonal_residual, 20)
     assert piece.extent == (-1, 1, -1, 1)
     ticks = torch.arange(20, dtype=torch.double) / 10 - 0.95
     up, right = torch.meshgrid(ticks, ticks, indexing="ij")
@@ -47,7 +47,7 @@ def test_the_residual_of_a_wrong_velocity_is_shown():
 
     late = Late(Ball(2), drift=[0.6, 0.0])
     # half of the drift is missing: 0.3 |cos φ|
-    piece = _slice(late, 0.0, Plane(), level_set_residual, 40)
+    piece = _slice(late, 0.0, SlicePlane(), level_set_residual, 40)
     ticks = torch.arange(40, dtype=torch.double) / 20 - 0.975
     up, right = torch.meshgrid(ticks, ticks, indexing="ij")
     assert piece.residual == pytest.approx((0.3 * right / torch.hypot(up, right)).abs().numpy(), abs=1e-3)
@@ -77,11 +77,11 @@ def test_a_morph_that_is_gone_is_drawn_without_a_contour(tmp_path):
 @pytest.mark.parametrize(
     ("times", "plane", "words"),
     [
-        ([], Plane(), "at 0 times"),
-        ([1.5], Plane(), "no slice at the time 1.5"),
-        ([0.5], Plane("w"), "axis=w is no direction"),
-        ([0.5], Plane("xy"), "axis=xy is no direction"),
-        ([0.5], Plane("x", 1.2), "a coordinate x between -1 and 1"),
+        ([], SlicePlane(), r"a list of times from 0 to 1, got \[\]"),
+        ([1.5], SlicePlane(), r"a list of times from 0 to 1, got \[1.5\]"),
+        ([0.5], SlicePlane("w"), "`axis` must be one of x, y, z, got w"),
+        ([0.5], SlicePlane("xy"), "`axis` must be one of x, y, z, got xy"),
+        ([0.5], SlicePlane("x", 1.2), "between -1 and 1, got 1.2. Try `offset=0`"),
     ],
 )
 def test_what_cannot_be_sliced(tmp_path, times, plane, words):
@@ -92,7 +92,7 @@ def test_what_cannot_be_sliced(tmp_path, times, plane, words):
 
 def test_planes_and_spaces_share_no_picture(tmp_path):
     morphs = {"flat": MOTIONS["translating_ball"](2), "solid": MOTIONS["translating_ball"](3)}
-    with pytest.raises(InputError, match=r"not of dimensions \[2, 3\]"):
+    with pytest.raises(InputError, match=r"got dimensions \[2, 3\]"):
         plot_residual_slices(tmp_path / "no.png", morphs)
 
 

@@ -23,7 +23,7 @@ def find_metric(figure: str) -> Metric:
     """The metric of a row of a table.
 
     >>> find_metric("volume error t=1").meaning
-    'volume of the morph over that of the shape, minus 1'
+    'Volume of the morph over that of the shape, minus 1'
 
     Args:
         figure: Name of the row, with or without the time at which it was taken.

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from nsm.metrics.measurements import Measurements
 from nsm.metrics.metric import MorphMetric, Section
 from nsm.metrics.unit import COUNT
 
-FEWEST = MorphMetric(
-    name="fewest components",
-    unit=COUNT,
-    meaning="connected components of the surface, however small, at the time when they are fewest",
-    section=Section.TOPOLOGY,
-    ideal=None,
-    compute=lambda measured: min(surface.components for surface in measured.surfaces),
-)
-MOST = MorphMetric(
-    name="most components",
-    unit=COUNT,
-    meaning="connected components of the surface, however small, at the time when they are most",
-    section=Section.TOPOLOGY,
-    ideal=None,
-    compute=lambda measured: max(surface.components for surface in measured.surfaces),
-)
+
+@MorphMetric.define("fewest components", COUNT, Section.TOPOLOGY, ideal=None)
+def fewest(measured: Measurements) -> float:
+    """Connected components of the surface, however small, at the time when they are fewest."""
+    return min(surface.components for surface in measured.surfaces)
+
+
+@MorphMetric.define("most components", COUNT, Section.TOPOLOGY, ideal=None)
+def most(measured: Measurements) -> float:
+    """Connected components of the surface, however small, at the time when they are most."""
+    return max(surface.components for surface in measured.surfaces)

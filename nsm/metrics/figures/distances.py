@@ -2,63 +2,54 @@
 
 from __future__ import annotations
 
+from nsm.metrics.measurements import Measurements
 from nsm.metrics.metric import EndMetric, Section
 from nsm.metrics.unit import LENGTH
 
-MORPH_TO_SHAPE = EndMetric(
-    name="morph to shape",
-    unit=LENGTH,
-    meaning="mean distance from the morph's surface to the shape's",
-    section=Section.ENDS,
-    compute=lambda measured, time: measured.end(time).morph_to_shape.mean,
-)
-MORPH_TO_SHAPE_99 = EndMetric(
-    name="morph to shape 99%",
-    unit=LENGTH,
-    meaning="99th percentile of the distance from the morph's surface to the shape's",
-    section=Section.ENDS,
-    compute=lambda measured, time: measured.end(time).morph_to_shape.percentile_99,
-)
-MORPH_TO_SHAPE_MAXIMUM = EndMetric(
-    name="morph to shape max",
-    unit=LENGTH,
-    meaning="greatest distance from the morph's surface to the shape's",
-    section=Section.ENDS,
-    compute=lambda measured, time: measured.end(time).morph_to_shape.maximum,
-)
-SHAPE_TO_MORPH = EndMetric(
-    name="shape to morph",
-    unit=LENGTH,
-    meaning="mean distance from the shape's surface to the morph's",
-    section=Section.ENDS,
-    compute=lambda measured, time: measured.end(time).shape_to_morph.mean,
-)
-SHAPE_TO_MORPH_99 = EndMetric(
-    name="shape to morph 99%",
-    unit=LENGTH,
-    meaning="99th percentile of the distance from the shape's surface to the morph's",
-    section=Section.ENDS,
-    compute=lambda measured, time: measured.end(time).shape_to_morph.percentile_99,
-)
-SHAPE_TO_MORPH_MAXIMUM = EndMetric(
-    name="shape to morph max",
-    unit=LENGTH,
-    meaning="greatest distance from the shape's surface to the morph's",
-    section=Section.ENDS,
-    compute=lambda measured, time: measured.end(time).shape_to_morph.maximum,
-)
-CHAMFER = EndMetric(
-    name="chamfer",
-    unit=LENGTH,
-    meaning="mean of the two mean distances",
-    section=Section.ENDS,
-    heading="distance",
-    compute=lambda measured, time: measured.end(time).chamfer,
-)
-HAUSDORFF = EndMetric(
-    name="hausdorff",
-    unit=LENGTH,
-    meaning="greatest distance from a point of either surface to the other",
-    section=Section.ENDS,
-    compute=lambda measured, time: measured.end(time).hausdorff,
-)
+
+@EndMetric.define("morph to shape", LENGTH, Section.ENDS)
+def morph_to_shape(measured: Measurements, time: float) -> float:
+    """Mean distance from the morph's surface to the shape's."""
+    return measured.end(time).morph_to_shape.mean
+
+
+@EndMetric.define("morph to shape 99%", LENGTH, Section.ENDS)
+def morph_to_shape_99(measured: Measurements, time: float) -> float:
+    """99th percentile of the distance from the morph's surface to the shape's."""
+    return measured.end(time).morph_to_shape.percentile_99
+
+
+@EndMetric.define("morph to shape max", LENGTH, Section.ENDS)
+def morph_to_shape_maximum(measured: Measurements, time: float) -> float:
+    """Greatest distance from the morph's surface to the shape's."""
+    return measured.end(time).morph_to_shape.maximum
+
+
+@EndMetric.define("shape to morph", LENGTH, Section.ENDS)
+def shape_to_morph(measured: Measurements, time: float) -> float:
+    """Mean distance from the shape's surface to the morph's."""
+    return measured.end(time).shape_to_morph.mean
+
+
+@EndMetric.define("shape to morph 99%", LENGTH, Section.ENDS)
+def shape_to_morph_99(measured: Measurements, time: float) -> float:
+    """99th percentile of the distance from the shape's surface to the morph's."""
+    return measured.end(time).shape_to_morph.percentile_99
+
+
+@EndMetric.define("shape to morph max", LENGTH, Section.ENDS)
+def shape_to_morph_maximum(measured: Measurements, time: float) -> float:
+    """Greatest distance from the shape's surface to the morph's."""
+    return measured.end(time).shape_to_morph.maximum
+
+
+@EndMetric.define("chamfer", LENGTH, Section.ENDS, heading="distance")
+def chamfer(measured: Measurements, time: float) -> float:
+    """Mean of the two mean distances."""
+    return measured.end(time).chamfer
+
+
+@EndMetric.define("hausdorff", LENGTH, Section.ENDS)
+def hausdorff(measured: Measurements, time: float) -> float:
+    """Greatest distance from a point of either surface to the other."""
+    return measured.end(time).hausdorff

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
+from nsm.metrics.measurements import Measurements
 from nsm.metrics.metric import MorphMetric, Section
 from nsm.metrics.unit import LENGTH
 
-MEAN = MorphMetric(
-    name="flow map",
-    unit=LENGTH,
-    meaning="mean deviation of the flow maps of V from direct integration",
-    section=Section.EXACT_ENDS,
-    compute=lambda measured: None if measured.flow is None else measured.flow.mean,
-)
-MAXIMUM = MorphMetric(
-    name="flow map max",
-    unit=LENGTH,
-    meaning="greatest deviation of the flow maps of V from direct integration",
-    section=Section.EXACT_ENDS,
-    compute=lambda measured: None if measured.flow is None else measured.flow.maximum,
-)
-DETAIL = MorphMetric(
-    name="carried detail",
-    unit=LENGTH,
-    meaning="mean error of f that follows from that of the flow maps, on the surface between the ends",
-    section=Section.EXACT_ENDS,
-    compute=lambda measured: None if measured.flow is None else measured.flow.field,
-)
+
+@MorphMetric.define("flow map", LENGTH, Section.EXACT_ENDS)
+def mean(measured: Measurements) -> float | None:
+    """Mean deviation of the flow maps of V from direct integration."""
+    return None if measured.flow is None else measured.flow.mean
+
+
+@MorphMetric.define("flow map max", LENGTH, Section.EXACT_ENDS)
+def maximum(measured: Measurements) -> float | None:
+    """Greatest deviation of the flow maps of V from direct integration."""
+    return None if measured.flow is None else measured.flow.maximum
+
+
+@MorphMetric.define("carried detail", LENGTH, Section.EXACT_ENDS)
+def detail(measured: Measurements) -> float | None:
+    """Mean error of f that follows from that of the flow maps, on the surface between the ends."""
+    return None if measured.flow is None else measured.flow.field

@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-from nsm.metrics.averages import greatest, least, mean
+from nsm.metrics import averages
+from nsm.metrics.measurements import Measurements
 from nsm.metrics.metric import MorphMetric, Section
 from nsm.metrics.unit import RATIO, RELATIVE
 
-MEAN = MorphMetric(
-    name="gradient norm mean",
-    unit=RATIO,
-    meaning="mean of |grad f| over surface and times: 1 for a distance",
-    section=Section.EQUATIONS,
-    ideal=1.0,
-    heading="‖∇f‖",
-    compute=lambda measured: mean(surface.gradient_norm for surface in measured.surfaces),
-)
-LEAST = MorphMetric(
-    name="gradient norm least",
-    unit=RATIO,
-    meaning="mean of |grad f| over the surface, at the time when it is least",
-    section=Section.EQUATIONS,
-    ideal=1.0,
-    compute=lambda measured: least(surface.gradient_norm for surface in measured.surfaces),
-)
-GREATEST = MorphMetric(
-    name="gradient norm greatest",
-    unit=RATIO,
-    meaning="mean of |grad f| over the surface, at the time when it is greatest",
-    section=Section.EQUATIONS,
-    ideal=1.0,
-    compute=lambda measured: greatest(surface.gradient_norm for surface in measured.surfaces),
-)
-STD = MorphMetric(
-    name="gradient norm std",
-    unit=RELATIVE,
-    meaning="standard deviation of |grad f| over the surface, mean over times",
-    section=Section.EQUATIONS,
-    compute=lambda measured: mean(surface.gradient_norm_std for surface in measured.surfaces),
-)
+
+@MorphMetric.define("gradient norm mean", RATIO, Section.EQUATIONS, ideal=1.0, heading="‖∇f‖")
+def mean(measured: Measurements) -> float:
+    """Mean of ‖∇f‖ over surface and times: 1 for a distance."""
+    return averages.mean(surface.gradient_norm for surface in measured.surfaces)
+
+
+@MorphMetric.define("gradient norm least", RATIO, Section.EQUATIONS, ideal=1.0)
+def least(measured: Measurements) -> float:
+    """Mean of ‖∇f‖ over the surface, at the time when it is least."""
+    return averages.least(surface.gradient_norm for surface in measured.surfaces)
+
+
+@MorphMetric.define("gradient norm greatest", RATIO, Section.EQUATIONS, ideal=1.0)
+def greatest(measured: Measurements) -> float:
+    """Mean of ‖∇f‖ over the surface, at the time when it is greatest."""
+    return averages.greatest(surface.gradient_norm for surface in measured.surfaces)
+
+
+@MorphMetric.define("gradient norm std", RELATIVE, Section.EQUATIONS)
+def std(measured: Measurements) -> float:
+    """Standard deviation of ‖∇f‖ over the surface, mean over times."""
+    return averages.mean(surface.gradient_norm_std for surface in measured.surfaces)

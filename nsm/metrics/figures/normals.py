@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
+from nsm.metrics.measurements import Measurements
 from nsm.metrics.metric import EndMetric, Section
 from nsm.metrics.unit import DEGREE
 
-NORMAL_ERROR = EndMetric(
-    name="normal error",
-    unit=DEGREE,
-    meaning="mean angle between the gradient of f and the normal of the shape",
-    section=Section.ENDS,
-    heading="normals",
-    compute=lambda measured, time: measured.end(time).normal_error,
-)
+
+@EndMetric.define("normal error", DEGREE, Section.ENDS, heading="normals")
+def normal_error(measured: Measurements, time: float) -> float:
+    """Mean angle between the gradient of f and the normal of the shape."""
+    return measured.end(time).normal_error

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
+from nsm.metrics.measurements import Measurements
 from nsm.metrics.metric import MorphMetric, Section
 from nsm.metrics.unit import COUNT
 
-EVENTS = MorphMetric(
-    name="topology events",
-    unit=COUNT,
-    meaning="changes of components or genus over time",
-    section=Section.TOPOLOGY,
-    ideal=None,
-    heading="changes of topology",
-    compute=lambda measured: len(measured.events),
-)
+
+@MorphMetric.define("topology events", COUNT, Section.TOPOLOGY, ideal=None, heading="changes of topology")
+def events(measured: Measurements) -> float:
+    """Changes of components or genus over time."""
+    return len(measured.events)

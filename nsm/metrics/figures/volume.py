@@ -7,40 +7,26 @@ from nsm.metrics.metric import EndMetric, MorphMetric, Section
 from nsm.metrics.unit import FILE_VOLUME, RELATIVE
 
 
-def _in_file_units(measured: Measurements, time: float) -> float | None:
+@EndMetric.define("volume", FILE_VOLUME, Section.VOLUME, ideal=None)
+def volume(measured: Measurements, time: float) -> float | None:
+    """Volume (area in 2D) of the morph, in the units of the source's file."""
     factor = measured.file_volume
     return None if factor is None else float(measured.volume.volumes[0 if time == 0 else -1]) * factor
 
 
-VOLUME = EndMetric(
-    name="volume",
-    unit=FILE_VOLUME,
-    meaning="volume (area in 2D) of the morph, in the units of the source's file",
-    section=Section.VOLUME,
-    ideal=None,
-    compute=_in_file_units,
-)
-STD = MorphMetric(
-    name="volume std",
-    unit=RELATIVE,
-    meaning="standard deviation over time of V(t) over the wanted volume, which is V(0) without growth",
-    section=Section.VOLUME,
-    heading="volume std",
-    compute=lambda measured: measured.volume.relative_std,
-)
-MAXIMUM = MorphMetric(
-    name="volume max",
-    unit=RELATIVE,
-    meaning="greatest |V(t) / wanted volume - 1|",
-    section=Section.VOLUME,
-    heading="volume max",
-    compute=lambda measured: measured.volume.maximum_deviation,
-)
-ESTIMATOR_ERROR = MorphMetric(
-    name="volume estimator error",
-    unit=RELATIVE,
-    meaning="greatest error of the measured volumes, estimated from two resolutions",
-    section=Section.VOLUME,
-    ideal=None,
-    compute=lambda measured: measured.volume.relative_error,
-)
+@MorphMetric.define("volume std", RELATIVE, Section.VOLUME, heading="volume std")
+def std(measured: Measurements) -> float:
+    """Standard deviation over time of V(t) over the wanted volume, which is V(0) without growth."""
+    return measured.volume.relative_std
+
+
+@MorphMetric.define("volume max", RELATIVE, Section.VOLUME, heading="volume max")
+def maximum(measured: Measurements) -> float:
+    """Greatest |V(t) / wanted volume − 1|."""
+    return measured.volume.maximum_deviation
+
+
+@MorphMetric.define("volume estimator error", RELATIVE, Section.VOLUME, ideal=None)
+def estimator_error(measured: Measurements) -> float:
+    """Greatest error of the measured volumes, estimated from two resolutions."""
+    return measured.volume.relative_error

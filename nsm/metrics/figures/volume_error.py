@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from nsm.metrics.measurements import Measurements
 from nsm.metrics.metric import EndMetric, Section
 from nsm.metrics.unit import RELATIVE
 
-VOLUME_ERROR = EndMetric(
-    name="volume error",
-    unit=RELATIVE,
-    meaning="volume of the morph over that of the shape, minus 1",
-    section=Section.ENDS,
-    compute=lambda measured, time: measured.end(time).volume_error,
-)
+
+@EndMetric.define("volume error", RELATIVE, Section.ENDS)
+def volume_error(measured: Measurements, time: float) -> float:
+    """Volume of the morph over that of the shape, minus 1."""
+    return measured.end(time).volume_error
