@@ -75,7 +75,7 @@ _PAIR = ["pairs=[cylinders_torus]"]
         (["minutes=null", "steps=1.5"], "`steps` must be a positive integer, got 1.5"),
         (["seeds=[1,1]"], "a list of different integers, got .1, 1."),
         (["times=1"], "`times` must be an integer of at least 2, got 1"),
-        (["ends=soft"], "`ends` must be exact or network, got soft"),
+        (["ends=soft"], "`ends` must be one of exact, network, got soft"),
     ],
 )
 def test_what_cannot_be_compared_is_told_in_a_sentence(overrides: list[str], told: str) -> None:
