@@ -151,7 +151,7 @@ class Progress:
     def _print_line(self, task: Task) -> None:
         left = None if task.stop_time is not None else task.time_remaining
         times = f"{duration(task.elapsed or 0.0)} elapsed" + (f", {duration(left)} left" if left else "")
-        parts = [part for part in (task.fields["amount"], task.fields["detail"], times) if part]
+        parts = [part for part in (task.fields["amount"], times, task.fields["detail"]) if part]
         self._console.print(f"{task.description}: {', '.join(parts)}", highlight=False)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 
@@ -32,7 +33,7 @@ def test_lines_come_while_a_single_call_blocks(lines) -> None:
     with Progress("solving", total=4, unit="steps") as shown:
         shown.update(completed=1, detail="loss 0.5")
         lines()
-        assert wait_for(lines).startswith("solving: 1 of 4 steps, loss 0.5, 0 s elapsed")
+        assert re.fullmatch(r"solving: 1 of 4 steps, \d+ s elapsed, loss 0\.5", wait_for(lines))
 
 
 def test_a_line_tells_the_time_left(lines) -> None:
@@ -49,13 +50,13 @@ def test_every_stage_ends_with_a_line(lines) -> None:
         shown.advance(2)
         shown.stage("second [b]", total=None)
         lines()
-    assert lines()[-1].startswith("second [b]: 0 s elapsed")
+    assert re.fullmatch(r"second \[b\]: \d+ s elapsed", lines()[-1])
 
 
 def test_a_short_stage_prints_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     with Progress("brief", total=1) as shown:
         shown.advance()
-    assert capsys.readouterr().err == "brief: 1 of 1, 0 s elapsed\n"
+    assert re.fullmatch(r"brief: 1 of 1, \d+ s elapsed\n", capsys.readouterr().err)
 
 
 def test_an_error_ends_it_without_a_last_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -71,6 +72,11 @@ def test_the_printed_summary_is_short_and_names_three_files(finished: tuple) -> 
     assert names.split() == ["checkpoints/best.ckpt", "strip.png", "summary.json"]
     assert max(map(len, (lines[begin], figures, names))) <= 80
     assert "No shapes were given" not in process.stdout
+
+
+def test_without_a_terminal_lines_tell_how_far_training_is(finished: tuple) -> None:
+    last = finished[1].stderr.splitlines()[-1]
+    assert re.match(r"training: 12 of 12 steps, .* elapsed, loss [\d.e+]+; validation at step 12: error [\d.]+", last)
 
 
 def test_a_run_warns_of_nothing_but_its_own_roughness(finished: tuple) -> None:

@@ -26,7 +26,7 @@ class Progress(ProgressBar):
         self.title = title
         self._enabled = True
         self._shown: progress.Progress | None = None
-        self._validation = ""
+        self._loss = self._validation = ""
 
     def disable(self) -> None:
         """Show nothing; Lightning calls this on all processes but the first."""
@@ -46,14 +46,18 @@ class Progress(ProgressBar):
         self, trainer: L.Trainer, pl_module: FieldTask, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
         """Show the step and its loss."""
-        if self._shown is not None:
-            detail = f"loss {float(pl_module.latest['train/loss']):.3g}{self._validation}"
-            self._shown.update(completed=trainer.global_step, detail=detail)
+        self._loss = f"loss {float(pl_module.latest['train/loss']):.3g}"
+        self._update(trainer)
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Note the figures of this validation."""
+        """Show the figures of this validation."""
         figures = {name: float(value) for name, value in trainer.callback_metrics.items()}
-        self._validation = f", at step {trainer.global_step} {', '.join(shown_figures(figures))}"
+        self._validation = f"; validation at step {trainer.global_step}: {', '.join(shown_figures(figures))}"
+        self._update(trainer)
+
+    def _update(self, trainer: L.Trainer) -> None:
+        if self._shown is not None:
+            self._shown.update(completed=trainer.global_step, detail=self._loss + self._validation)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Finish the bar."""
