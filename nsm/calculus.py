@@ -35,15 +35,7 @@ Layers = tuple[Tensor, ...]
 
 
 def value(layers: Layers, x: Float[Tensor, "n k"]) -> Float[Tensor, "n m"]:
-    """Evaluate a sine network.
-
-    Args:
-        layers: Weights and biases with ω folded in.
-        x: Inputs, shape (n, k).
-
-    Returns:
-        Outputs, shape (n, m).
-    """
+    """Evaluate a sine network with ω folded into its layers at inputs of shape (n, k); returns shape (n, m)."""
     h = x
     for weight, bias in zip(layers[:-2:2], layers[1:-2:2], strict=True):
         h = torch.addmm(bias, h, weight.T).sin()
@@ -51,14 +43,7 @@ def value(layers: Layers, x: Float[Tensor, "n k"]) -> Float[Tensor, "n m"]:
 
 
 def value_and_gradient(layers: Layers, x: Float[Tensor, "n k"]) -> Jet:
-    """Evaluate a scalar sine network and its gradient by one reverse sweep.
-
-    Args:
-        layers: Weights and biases with ω folded in.
-        x: Inputs, shape (n, k).
-
-    Returns:
-        Value, shape (n,), and gradient, shape (n, k).
+    """Evaluate a scalar sine network and its gradient at inputs of shape (n, k) by one reverse sweep.
 
     Example:
         >>> import torch
@@ -201,12 +186,7 @@ def value_jacobian_and_laplacian(
 
         Δz_l = W_l Δh_{l-1},  Δh_l = cos z_l ⊙ Δz_l − sin z_l ⊙ Σ_j (∂_j z_l)².
 
-    All operations are differentiable by autograd.
-
-    Args:
-        layers: Weights and biases with ω folded in.
-        x: Inputs, shape (n, k).
-        directions: Number of leading inputs to differentiate by.
+    Args as in `value_and_jacobian`. All operations are differentiable by autograd.
 
     Returns:
         Value, shape (n, m), with Jacobian, shape (n, m, directions), and Laplacian, shape (n, m).
@@ -233,12 +213,8 @@ def value_gradient_and_hessian(
 
         ∂_j p_{l-1} = W_lᵀ (cos z_l ⊙ ∂_j p_l − sin z_l ⊙ ∂_j z_l ⊙ p_l).
 
-    All operations are differentiable by autograd.
-
-    Args:
-        layers: Weights and biases with ω folded in.
-        x: Inputs, shape (n, k).
-        directions: Number of leading inputs that one of the two derivatives runs over.
+    Args as in `value_and_jacobian`; one of the two derivatives runs over the first ``directions`` inputs. All
+    operations are differentiable by autograd.
 
     Returns:
         Value, shape (n,), with gradient, shape (n, k), and Hessian, shape (n, directions, k).
@@ -261,16 +237,9 @@ def value_gradient_and_hessian(
 
 
 def tanh_value_and_gradient(layers: Layers, x: Float[Tensor, "n k"]) -> Jet:
-    """Evaluate a scalar network with tanh activations and its gradient by one reverse sweep.
+    """Evaluate a scalar network with tanh activations and its gradient at inputs of shape (n, k) by one reverse sweep.
 
     All operations are differentiable by autograd.
-
-    Args:
-        layers: Weights and biases.
-        x: Inputs, shape (n, k).
-
-    Returns:
-        Value, shape (n,), and gradient, shape (n, k).
     """
     h, slopes = x, []
     for weight, bias in zip(layers[:-2:2], layers[1:-2:2], strict=True):
