@@ -7,19 +7,13 @@ import re
 #: Rooms and modules with messages that do not have the form yet.
 UNCONVERTED = (
     "nsm.compare",
-    "nsm.export",
     "nsm.io.checkpoint",
-    "nsm.io.gltf",
-    "nsm.io.mesh",
-    "nsm.io.moving",
     "nsm.io.shape_file",
     "nsm.library",
     "nsm.morphs.advected",
     "nsm.morphs.optimal_transport.density",
     "nsm.morphs.surfaces",
     "nsm.plots",
-    "nsm.render",
-    "nsm.view",
 )
 #: Something named, what is required of it, and what to do instead.
 _PARTS = (re.compile(r"`[^`]+`"), re.compile(r"\b(must|cannot|needs)\b"), re.compile(r"\. Try .+[.?)]$", re.DOTALL))

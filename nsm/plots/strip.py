@@ -70,8 +70,8 @@ def render_strip(
     dims = {morph.dim for morph in rows.values()}
     if len(dims) != 1 or not len(times):
         raise InputError(
-            f"A strip must show morphs of one dimension at one time or more, got dimensions {sorted(dims)} at "
-            f"{len(times)} times. Try one strip for each dimension."
+            f"The `morphs` of a strip must have one dimension, and be shown at one time or more, got dimensions "
+            f"{sorted(dims)} at {len(times)} times. Try one strip for each dimension."
         )
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(

@@ -234,7 +234,7 @@ def _require_film(path: Path | str, morphs: Mapping[str, Morph], size: Sequence[
     dims = sorted({morph.dim for morph in morphs.values()})
     if len(dims) != 1:
         raise InputError(
-            f"A film must show morphs of one dimension, got dimensions {dims}. Try one film for each dimension."
+            f"The `morphs` of a film must have one dimension, got dimensions {dims}. Try one film for each dimension."
         )
     if Path(path).suffix.lower() not in SUFFIXES:
         raise InputError(f"The name of a film must end in {' or '.join(SUFFIXES)}, got {path}. Try `output=film.mp4`.")

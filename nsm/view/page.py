@@ -211,5 +211,7 @@ def one_dimension(loaded: Sequence[LoadedMorph]) -> int:
     """
     dims = {each.morph.dim for each in loaded}
     if len(dims) > 1:
-        raise InputError("Morphs on one page must have the same dimension, got 2D and 3D. Try one command for each.")
+        raise InputError(
+            "Morphs in one `nsm view` must have the same dimension, got 2D and 3D. Try one command for each."
+        )
     return dims.pop()
