@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from omegaconf import OmegaConf
 from rich.console import Console
 
 from nsm.cli.errors import InputError
@@ -49,7 +51,15 @@ def main(arguments: list[str]) -> None:
     whole_number("frames", given.frames, least=2, example=FRAMES)
     whole_number("resolution", given.resolution, least=8, example=RESOLUTION)
     output = _output(given)
-    result = morph(given.source, given.target, budget=given.budget, seed=given.seed, output=given.keep)
+    result = morph(
+        given.source,
+        given.target,
+        budget=given.budget,
+        seed=given.seed,
+        output=given.keep,
+        source_settings=_settings("source", given.source_setting),
+        target_settings=_settings("target", given.target_setting),
+    )
     written = result.save(output, frames=given.frames, resolution=given.resolution)
     Console(soft_wrap=True, highlight=False, markup=False).print(f"wrote {written}")
 
@@ -79,8 +89,26 @@ def _parser() -> argparse.ArgumentParser:
         "--resolution", type=int, default=RESOLUTION, metavar="N", help="cells along the box (default: %(default)s)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random numbers")
+    for side, example in (("source", "label=3"), ("target", "up=[0,0,1]")):
+        parser.add_argument(
+            f"--{side}-setting", action="append", default=[], metavar="NAME=VALUE",
+            help=f"setting of the {side} shape, such as {example}; may be repeated",
+        )  # fmt: skip
     parser.add_argument("--keep", metavar="FOLDER", help="folder that keeps the training run and its checkpoints")
     return parser
+
+
+def _settings(side: str, typed: Sequence[str]) -> dict[str, Any]:
+    """The settings of a shape, whose values are written as in YAML."""
+    settings = {}
+    for text in typed:
+        name, equals, value = text.partition("=")
+        if not (name and equals):
+            raise InputError(
+                f"`--{side}-setting` must have the form NAME=VALUE, got {text}. Try `--{side}-setting label=3`."
+            )
+        settings[name] = OmegaConf.to_container(OmegaConf.from_dotlist([f"value={value}"]))["value"]  # type: ignore[call-overload, index]
+    return settings
 
 
 def _output(given: argparse.Namespace) -> Path:

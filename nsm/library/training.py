@@ -44,6 +44,8 @@ def morph(
     seed: int = 0,
     ends: str = "exact",
     output: str | os.PathLike[str] | None = None,
+    source_settings: Mapping[str, Any] | None = None,
+    target_settings: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> TrainedMorph:
     """Train a morph between two shapes, as ``python -m nsm.train`` does.
@@ -59,6 +61,9 @@ def morph(
         seed: Seed of all random numbers.
         ends: ``exact`` or ``network``, as for `load_morph`.
         output: Folder of the run, which keeps its checkpoints and logs; None keeps the morph in memory only.
+        source_settings: Settings of the source, such as ``{"label": 3}`` for a volume of labels or
+            ``{"up": [0, 0, 1]}``, by their names in ``conf/shape``.
+        target_settings: Settings of the target.
         options: Any other choice or setting of ``conf/train.yaml``: a choice by the name of its file
             (``velocity="nulldiv"``), settings of a group as a dictionary (``optimizer={"lr": 5e-4}``).
 
@@ -79,7 +84,9 @@ def morph(
     with tempfile.TemporaryDirectory(prefix="nsm-") as temporary:
         folder = Path(temporary if output is None else output).resolve()
         shapes = [*_shape("source", source, folder), *_shape("target", target, folder)]
+        settings = {"source": source_settings, "target": target_settings}
         choices = {"callbacks": "none", "budget": budget, "method": method, **options, "seed": seed}
+        choices |= {side: given for side, given in settings.items() if given}
         _train(folder, shapes, choices if steps is None else {**choices, "steps": steps})
         return load_morph(folder, ends=ends)
 

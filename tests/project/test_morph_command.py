@@ -6,11 +6,13 @@ import sys
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 from test_library import TINY
 
 import nsm.__main__ as program
+from nsm.io.checkpoint import read_checkpoint
 from nsm.library import command, morph
 
 
@@ -81,6 +83,24 @@ def test_a_missing_file_is_named(
 ) -> None:
     assert run(monkeypatch, "none.obj", meshes[1]) == 2
     assert "none.obj" in capsys.readouterr().err
+
+
+def test_settings_of_a_shape_pick_a_label(
+    meshes: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    labels = np.zeros((20, 20, 20), dtype=np.uint8)
+    labels[4:16, 4:16, 4:10], labels[4:16, 4:16, 10:16] = 1, 2
+    nibabel.save(nibabel.Nifti1Image(labels, np.eye(4)), "scan.nii.gz")
+    kept = ("-o", "morph.ckpt", "--keep", "run", "--target-setting", "pose.rotation=[0,0,90]")
+    assert run(monkeypatch, "scan.nii.gz", meshes[1], *kept) == 2
+    assert "`label` must be one of 1, 2 in" in capsys.readouterr().err
+    assert run(monkeypatch, "scan.nii.gz", meshes[1], *kept, "--source-setting", "label=[1,2]") == 0
+    assert read_checkpoint(Path("run/checkpoints/best.ckpt"))["nsm"]["provenance"]["source"]["label"] == [1, 2]
+    assert run(monkeypatch, *meshes, "--source-setting", "lable=1") == 2
+    assert "Try `label`." in capsys.readouterr().err
+    assert run(monkeypatch, *meshes, "--source-setting", "label") == 2
+    assert "must have the form NAME=VALUE, got label" in capsys.readouterr().err
 
 
 def test_help_needs_no_word_of_hydra(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
