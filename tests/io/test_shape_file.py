@@ -165,4 +165,4 @@ def test_every_kind_of_file_can_be_named_in_a_command(name: str, tmp_path: Path)
 def test_a_silhouette_and_a_volume_make_no_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ends = (f"source.path={_image(tmp_path / 'a.png')}", f"target.path={_volume(tmp_path / 'a.nii.gz')}")
     assert train_here("shape@source=file", "shape@target=file", *ends, f"hydra.run.dir={tmp_path}/run") == 2
-    assert "the source is 2D and the target 3D" in capsys.readouterr().err
+    assert "`shape@target` must have the dimension of the source, 2D, got a shape in 3D" in capsys.readouterr().err
