@@ -16,7 +16,7 @@ export NSM_DATA_DIR
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench
+.PHONY: help demo test lint docs bench
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -25,13 +25,17 @@ demo: $(STAMP) ## train the default morph, two cylinders to a torus, into output
 	$(RUN) nsm.train hydra.run.dir=outputs/demo
 
 test: $(STAMP) $(GLTF) ## run all tests (WORKERS=2 side by side, PYTEST_ARGS for pytest)
-	$(RUN) pytest -q -n $(WORKERS) $(PYTEST_ARGS)
+	$(RUN) pytest -q -n $(WORKERS) --cov=nsm --cov-report= $(PYTEST_ARGS)
+	@$(RUN) coverage report --format=total | sed 's/.*/coverage of nsm: & %/'
 
 lint: $(STAMP) ## check style, types and the direction of imports
 	$(RUN) ruff check .
 	$(RUN) ruff format --check .
 	$(RUN) mypy
 	$(VENV)/bin/lint-imports
+
+docs: $(STAMP) ## build the documentation site into site/, where any warning is an error
+	NO_MKDOCS_2_WARNING=1 $(RUN) mkdocs build --strict --quiet
 
 bench: $(STAMP) ## measure the speed of a training step and what else tools/bench_*.py measures
 	@set -e; for tool in tools/bench_*.py; do echo "== $$tool"; $(VENV)/bin/python $$tool; done

@@ -1,11 +1,11 @@
-"""Coarse-to-fine extraction of a surface beside dense evaluation with marching cubes, both measured in this run.
+"""Compare coarse-to-fine extraction of a surface with marching cubes on a dense grid.
 
     python tools/bench_meshing.py [checkpoint=PATH | official=kitten_fandisk] [--resolution 256] [--memory 512]
 
-The surface is that of a trained morph at one time; without a checkpoint, of the authors' kitten to fandisk, looked for
-under NSM_DATA_DIR. The dense way evaluates f at all (r + 1)^3 corners of cells and hands them to marching cubes. Both
-meshes must be one: each vertex of either has one of the other within 1e-6 of the box's half width, and the triangles on
-them are the same set. Peak memory is that of a process which does nothing but load the morph and extract.
+The surface is that of a morph at one time, by default of the authors' kitten to fandisk. The dense method evaluates f
+at all (r + 1)^3 corners of cells and runs marching cubes on them. Both methods must give the same mesh: vertices agree
+within 1e-6 of the box's half width, and the triangles on them form the same set. Peak memory is measured in a
+process that only loads the morph and extracts the surface.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from nsm.io.checkpoint import load_morph
 from nsm.io.official import load_official
 from nsm.types import Morph
 
-#: What is asked for: times faster, distance of vertices, bytes.
+#: Required speed-up, largest distance between corresponding vertices, and largest peak memory in bytes.
 FASTER, SAME, MEMORY = 10, 1e-6, 2 << 30
 
 
@@ -48,7 +48,7 @@ def main() -> None:
         points += len(x)
         return morph(x, arguments.time)
 
-    extract_surface(field, morph.bounds, 32)  # the first call pays for tables and threads
+    extract_surface(field, morph.bounds, 32)  # the first call builds tables and starts threads
     points, start = 0, time.perf_counter()
     mesh = extract_surface(field, morph.bounds, arguments.resolution)
     fast, sampled = time.perf_counter() - start, points
@@ -58,20 +58,21 @@ def main() -> None:
     print(f"{arguments.morph} at t = {arguments.time:g}, {arguments.resolution} cells, {arguments.threads} threads")
     print(f"coarse to fine  {fast:7.2f} s  {sampled:>11,} points  {len(mesh.simplices):,} triangles")
     print(f"dense           {slow:7.2f} s  {points:>11,} points  {len(faces):,} triangles")
-    print(f"                {slow / fast:7.1f} x {points / sampled:>11.1f} x   (asked for: {FASTER} x the time)")
+    print(f"                {slow / fast:7.1f} x {points / sampled:>11.1f} x   (required: {FASTER} x the time)")
     distance, same = compare(mesh.vertices.double().numpy(), mesh.simplices.numpy(), vertices, faces)
     print(f"vertices within {distance:.1e} of each other, triangles {'the same' if same else 'NOT THE SAME'}")
     child = [sys.executable, *sys.argv, "--measure-memory"]
     peak = int(subprocess.run(child, check=True, capture_output=True, text=True).stdout.split()[-1])
-    print(f"peak memory at {arguments.memory} cells {peak / (1 << 30):.2f} GiB (asked for: {MEMORY / (1 << 30):g} GiB)")
+    required = f"(required: less than {MEMORY / (1 << 30):g} GiB)"
+    print(f"peak memory at {arguments.memory} cells {peak / (1 << 30):.2f} GiB {required}")
     sys.exit(not (slow / fast >= FASTER and distance <= SAME and same and peak < MEMORY))
 
 
 def read_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("morph", nargs="?", default="official=kitten_fandisk", help="checkpoint=PATH or official=NAME")
-    parser.add_argument("--resolution", type=int, default=256, help="cells for both ways")
+    parser.add_argument("--resolution", type=int, default=256, help="cells along the box, for both methods")
     parser.add_argument("--memory", type=int, default=512, help="cells at which peak memory is measured")
     parser.add_argument("--time", type=float, default=0.5)
     parser.add_argument("--threads", type=int, default=2)
@@ -80,17 +81,17 @@ def read_arguments() -> argparse.Namespace:
 
 
 def load(name: str) -> Morph:
-    """The morph that an argument names."""
+    """Load the morph that an argument names."""
     kind, _, value = name.rpartition("=")
     return load_official(value) if kind == "official" else load_morph(value)
 
 
 def dense(field, morph: Morph, resolution: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of marching cubes on the full lattice."""
+    """Run marching cubes on the full grid; returns vertices and triangles."""
     lattice = Lattice.corners(morph.bounds, resolution)
     values = np.empty(lattice.shape, dtype=np.float32)
     plane = torch.cartesian_prod(*(torch.arange(n, dtype=morph.bounds.dtype) for n in lattice.shape[1:]))
-    for i, layer in enumerate(values):  # a layer at a time, for the coordinates of all points would fill the memory
+    for i, layer in enumerate(values):  # one layer at a time: the coordinates of all points would not fit into memory
         index = torch.cat([torch.full_like(plane[:, :1], i), plane], 1)
         layer[:] = evaluate(field, lattice.points(index)).view(lattice.shape[1:]).numpy()
     values /= float(lattice.step.max())
@@ -100,14 +101,14 @@ def dense(field, morph: Morph, resolution: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def compare(vertices: np.ndarray, faces: np.ndarray, other: np.ndarray, other_faces: np.ndarray) -> tuple[float, bool]:
-    """Greatest distance between vertices that go together, and whether the triangles on them are the same set."""
+    """Greatest distance between corresponding vertices, and whether the triangles on them form the same set."""
     distance, partner = cKDTree(other).query(vertices)
     paired = len(vertices) == len(other) == len(np.unique(partner))
     return float(distance.max()), paired and np.array_equal(canonical(partner[faces]), canonical(other_faces))
 
 
 def canonical(faces: np.ndarray) -> np.ndarray:
-    """Triangles turned until their least vertex comes first, in order."""
+    """Rotate triangles so that their smallest index comes first, and sort them."""
     turn = (faces.argmin(1)[:, None] + np.arange(3)) % 3
     turned = np.take_along_axis(faces, turn, 1)
     return turned[np.lexsort(turned.T[::-1])]

@@ -1,12 +1,12 @@
-"""Where the time of a whole training step goes, in the training command itself.
+"""Profile a whole training step inside the training command.
 
     python tools/bench_profile.py [--steps 60] [--threads 2] [overrides of python -m nsm.train …]
 
-Trains the default pair with the default configuration, its own batch size, Lightning's loop, logger, progress bar and
-callbacks, and takes the time of every part: a part's time is what passes in its functions, less what passes in those
-of another part that they call. Steps are counted from the end of one to the end of the next, so drawing the batch is
-inside and validation is not; those before the optimizer has its bases do not count. Only the start of f differs from
-the default: random weights, which cost no fit. At least 85 % of a step must be sweeps and the optimizer's products.
+This trains the default pair with the default configuration: its batch size, Lightning's loop, the logger, the progress
+bar, and the callbacks. The time of a part is the time spent in its functions, without that in functions of another part
+that they call. A step lasts from the end of one to the end of the next, so it includes drawing the batch and
+excludes validation; the steps before the optimizer has computed its bases do not count. At least 85 % of a step must be
+spent in the sweeps of the networks and the matrix products of the optimizer.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from nsm.train import __main__ as train
 from nsm.train.callbacks import Progress
 from nsm.train.tasks import FieldTask
 
-#: Parts that ought to be all of a step, and how much of it they must be.
+#: Parts that should make up a step, and the least share that they must have.
 USEFUL, LEAST = ("sweeps of the networks", "products of the optimizer"), 0.85
-#: Steps that do not count.
+#: Steps before the measurement starts.
 WARM_UP = 12
 SWEEPS = (calculus._ScalarSweep, calculus._TangentSweep)
 LOSSES, REST = "losses, forward and backward", "everything else"
-#: Part → functions whose time is its own.
+#: Functions by the part to which their time belongs.
 PARTS: dict[str, list[tuple[Any, str]]] = {
     USEFUL[0]: [(sweep, name) for sweep in SWEEPS for name in ("forward", "backward")],
     USEFUL[1]: [(torch, "tensordot"), (pytorch_optimizer.SOAP, "get_orthogonal_matrix_qr")],
@@ -82,23 +82,23 @@ def main() -> None:
     for part in PARTS:
         print(f"| {part} | {clock.seconds[part] / arguments.steps * 1e3:.2f} | {clock.seconds[part] / total:.1%} |")
     useful = sum(clock.seconds[part] for part in USEFUL) / total
-    print(f"\nsweeps and the optimizer's products are {useful:.1%} of a step (asked for: at least {LEAST:.0%})")
+    print(f"\nsweeps and the optimizer's products are {useful:.1%} of a step (required: at least {LEAST:.0%})")
     sys.exit(useful < LEAST)
 
 
 def read_arguments() -> tuple[argparse.Namespace, list[str]]:
-    """The command line, and what of it is for the training command."""
+    """Read the command line; returns the arguments of this tool and those of the training command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=60, help="that count")
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--steps", type=int, default=60, help="steps to measure")
+    parser.add_argument("--threads", type=int, default=2, help="threads of torch")
     return parser.parse_known_args()
 
 
 class Clock:
-    """Gives the time that passes to one part at a time: the innermost one whose function is running.
+    """Assigns time to the innermost part whose function is running.
 
     Args:
-        steps: how many count, after the first `WARM_UP`.
+        steps: Number of steps to measure, after the first `WARM_UP`.
     """
 
     def __init__(self, steps: int) -> None:
@@ -107,7 +107,7 @@ class Clock:
         self._running, self._since, self._steps = [REST], 0.0, 0
 
     def watch(self, part: str, owner: Any, name: str) -> None:
-        """Replace a function of a class or module by one whose time is the part's."""
+        """Wrap a function of a class or module so that its time belongs to a part."""
 
         def timed(function: Callable[..., Any]) -> Callable[..., Any]:
             @wraps(function)
@@ -125,7 +125,7 @@ class Clock:
         self._replace(owner, name, timed)
 
     def count(self, owner: Any, name: str) -> None:
-        """A step ends whenever this function does."""
+        """Wrap the function whose return ends a step."""
 
         def counted(function: Callable[..., Any]) -> Callable[..., Any]:
             @wraps(function)

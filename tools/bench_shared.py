@@ -1,13 +1,13 @@
-"""Time of one training step alone, and beside one busy process per core, by how long idle threads keep their core.
+"""Measure a training step alone and beside one busy process per core, for several spin counts of waiting threads.
 
     python tools/bench_shared.py [--threads N] [--rounds 8] [--seconds 2] [--spins 0 1000 10000]
 
-A step is that of the default configuration (loss, velocity, optimizer, batch of 5 000 points), as in bench_step.py. It
-runs in processes of its own, one per setting of GNU OpenMP: as shipped (what `nsm.cli.runtime.share_cores` sets), the
-library's default, and those of --spins (times that a waiting thread looks for work before it sleeps). They are measured
-in turn, each for so many seconds, so that all see the machine in one state; all the others sleep. The neighbors are
-processes that count, one pinned to each core, and stopped while a step is measured alone. Figures are medians over the
-rounds. Ideal is a ratio of 2: each core is shared by two. Linux only; with more cores at hand than N, pin it to N.
+The step is that of the default configuration (loss, velocity, optimizer, batch of 5 000), as in bench_step.py. It
+runs in one process per setting of GNU OpenMP: as shipped (set by `nsm.cli.runtime.share_cores`), the default of the
+library, and those of --spins, each a number of times that a waiting thread looks for work before it sleeps. The
+processes take turns, so that all see the machine in the same state. The busy neighbors, one pinned to each core, are
+stopped while a step is measured alone. Results are medians over the rounds; the ideal ratio is 2, since two
+processes share each core. Linux only; on a machine with more than N cores, pin the tool to N of them.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from contextlib import contextmanager
 
 from nsm.cli.runtime import keep_freed_memory
 
-#: What is asked for: times slower beside neighbors, and part of the library's own speed lost when alone.
+#: Largest acceptable slowdown beside neighbors, and largest share of the library's own speed lost when alone.
 SLOWER, LOSS = 2.5, 0.05
-#: What GNU OpenMP does by itself.
+#: Default spin count of GNU OpenMP.
 LIBRARY = 300_000
-#: Points of a batch, and steps before the clock starts.
+#: Points of a batch, and steps before the measurement starts.
 POINTS, WARM_UP = 5_000, 12
 
 
@@ -60,26 +60,26 @@ def main() -> None:
         a, s = statistics.median(alone[name]), statistics.median(shared[name])
         print(f"{name:<18} {a * 1e3:7.1f} ms {s * 1e3:7.1f} ms {s / a:7.2f}")
     ratio = statistics.median(shared["as shipped"]) / statistics.median(alone["as shipped"])
-    # of each round, so that a machine that changes its speed does not count
+    # within each round, so that a change in the machine's speed cancels
     lost = statistics.median(a / b for a, b in zip(alone["as shipped"], alone["library's default"], strict=True)) - 1
-    print(f"as shipped: {ratio:.2f} times slower beside neighbors (asked for: {SLOWER} at most)")
-    print(f"as shipped: {lost:+.1%} time when alone, against the library's default (asked for: {LOSS:.0%} at most)")
+    print(f"as shipped: {ratio:.2f} times slower beside neighbors (required: at most {SLOWER})")
+    print(f"as shipped: {lost:+.1%} time when alone, against the library's default (required: at most {LOSS:.0%})")
     sys.exit(ratio > SLOWER or lost > LOSS)
 
 
 def read_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--seconds", type=float, default=2.0, help="of one measurement")
-    parser.add_argument("--spins", type=int, nargs="*", default=[], help="more settings to compare")
+    parser.add_argument("--seconds", type=float, default=2.0, help="duration of one measurement")
+    parser.add_argument("--spins", type=int, nargs="*", default=[], help="further spin counts to compare")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     return parser.parse_args()
 
 
 class Worker:
-    """A process that makes training steps when it is asked to, and otherwise sleeps."""
+    """A process that makes training steps on request and otherwise sleeps."""
 
     def __init__(self, looks: int | None, threads: int) -> None:
         environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "GOMP_"))}
@@ -91,7 +91,7 @@ class Worker:
         self.step(0.0)
 
     def step(self, seconds: float) -> float:
-        """Mean time of one step in s, measured for about so many seconds."""
+        """Mean seconds per step, measured over about the given time."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         print(seconds, file=self.process.stdin, flush=True)
@@ -99,8 +99,8 @@ class Worker:
 
 
 def work(threads: int) -> None:
-    """Make steps for as long as each line of the input says, and print the seconds of one."""
-    import torch  # after nsm: what that has set is what is measured
+    """Make steps for the seconds that each line of the input gives, and print the mean seconds per step."""
+    import torch  # after nsm, whose settings are measured here
     from bench_step import make_step
 
     torch.set_num_threads(threads)
@@ -118,7 +118,7 @@ def work(threads: int) -> None:
 
 @contextmanager
 def busy_cores() -> Iterator[list[subprocess.Popen[bytes]]]:
-    """One process per core that counts, stopped until it is told to go on."""
+    """Start one busy process per core, stopped until it gets SIGCONT."""
     count = "import os\nos.sched_setaffinity(0, [{}])\nwhile True: pass"
     cores = sorted(os.sched_getaffinity(0))
     neighbors = [subprocess.Popen([sys.executable, "-c", count.format(core)]) for core in cores]
@@ -130,10 +130,10 @@ def busy_cores() -> Iterator[list[subprocess.Popen[bytes]]]:
             neighbor.kill()
 
 
-def tell(processes: list[subprocess.Popen[bytes]], what: signal.Signals) -> None:
-    """Send a signal to each."""
+def tell(processes: list[subprocess.Popen[bytes]], number: signal.Signals) -> None:
+    """Send a signal to each process."""
     for process in processes:
-        process.send_signal(what)
+        process.send_signal(number)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
-"""Time of one training step beside the rate of plain matrix products, and of each method's step beside AdaDiv's.
+"""Compare a training step with the machine's rate of matrix products, and the step of each method with AdaDiv's.
 
     python tools/bench_step.py [--threads 2] [--rounds 8] [--methods adadiv lf_insd …]
 
-All are measured in this run, in turn. A step is that of the method's own configuration (loss, velocity, optimiser),
-with networks of 6 layers of 128, on 20 000 points in three dimensions: by default 5 000 on the surfaces, 5 000 around
-them, 10 000 inside space-time; forward, backward and the update. For AdaDiv the least number of floating-point
-operations that it needs is counted from the matrix products of the chain rule: f with its gradient takes two products a
-layer forward (values, reverse sweep) and two for each of these backward; V with its tangents takes (1 + d) forward and
-twice that backward; both with a first layer of d + 1 inputs, whose sweeps are counted the same way. The rate it is held
-against is that of torch.mm of (20 000 × 128) by (128 × 128), the product that the step is made of.
+The measurements take turns. A step (forward, backward, and update) is that of the method's own configuration (loss,
+velocity, optimizer), with networks of 6 layers of 128, on 20 000 points in 3D: 5 000 on the surfaces, 5 000 around
+them, and 10 000 inside space-time. For AdaDiv, the least number of floating-point operations is counted from the
+matrix products of the chain rule: per layer, f with its gradient takes two products forward (values, reverse sweep) and
+two for each of them backward, and V with its tangents takes (1 + d) forward and twice that backward. First layers have
+d + 1 inputs and are counted the same way. The reference is the rate of torch.mm of (20 000 × 128) by (128 × 128),
+the product of which a step consists.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from nsm.shapes import LandmarkPairs, SirenShape
 SURFACE, AMBIENT, INTERIOR = 5_000, 5_000, 10_000
 DIM, WIDTH, DEPTH = 3, 128, 6
 LANDMARKS = 500
-#: Methods that are trained in steps.
+#: Methods that are trained by an optimizer.
 METHODS = ("adadiv", "nulldiv", "free", "penalty", "nise", "nise_official", "lf_insd", "insd", "lipmlp")
 
 
@@ -44,7 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--block", type=int, default=5_000, help="points whose gradients are accumulated at once")
+    parser.add_argument("--block", type=int, default=5_000, help="points per block, whose gradients are accumulated")
     parser.add_argument("--methods", nargs="*", default=METHODS, choices=METHODS)
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def measured(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Median seconds of each call, after two that do not count; in turn, so that all see the machine in one state."""
+    """Median seconds of each call after two warm-ups; calls take turns, so that all see the machine alike."""
     for call in calls.values():
         call()
         call()
@@ -84,28 +84,28 @@ def measured(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, f
 
 
 def least_operations() -> int:
-    """Of one step, in multiplications and additions."""
+    """Multiplications and additions of one step."""
     return operations_of_f() + operations_of_v()
 
 
 def operations_of_f() -> int:
-    """Value and gradient at all points, forward and backward: 2 + 4 products a layer."""
+    """Operations of value and gradient at all points, forward and backward: 2 + 4 products per layer."""
     return 2 * 6 * (SURFACE + AMBIENT + INTERIOR) * (weights(1) + WIDTH * (DIM + 1))
 
 
 def operations_of_v() -> int:
-    """Value and tangents at interior points, forward and backward: (1 + d) (1 + 2) products a layer."""
+    """Operations of value and tangents at interior points, forward and backward: (1 + d) (1 + 2) products per layer."""
     first = WIDTH * (DIM + 1)  # the tangents of the first layer are its weights: no product
     return 2 * 3 * INTERIOR * ((1 + DIM) * weights(1 + DIM) + first)
 
 
 def weights(outputs: int) -> int:
-    """Entries of all weight matrices but the first."""
+    """Number of entries of all weight matrices except the first."""
     return (DEPTH - 1) * WIDTH**2 + WIDTH * outputs
 
 
 def make_step(method: str, block: int, points: int = SURFACE + AMBIENT + INTERIOR) -> Callable[[], None]:
-    """One optimiser step of a method on random points, in blocks whose intermediate results stay in cache."""
+    """Build one optimizer step of a method on random points, in blocks whose intermediate results stay in the cache."""
     with initialize_config_dir(str(CONF), version_base="1.3"):
         cfg = compose("train", [f"method={method}"])
     made: Any = {part: instantiate(cfg[part], _convert_="all") for part in ("loss", "optimizer", "sampler")}
@@ -130,14 +130,14 @@ def make_step(method: str, block: int, points: int = SURFACE + AMBIENT + INTERIO
 
 
 def random_batch(surface: int, ambient: int, interior: int) -> Batch:
-    """Points of a batch."""
+    """Draw a batch of random points."""
     normals = torch.nn.functional.normalize(torch.randn(surface, DIM), dim=1)
     points = torch.rand(surface + ambient + interior, DIM + 1) * 2 - 1
     return Batch(points, torch.rand(surface + ambient), normals)
 
 
 def make_product() -> Callable[[], None]:
-    """The product that layers are made of, with its result in place."""
+    """Build the matrix product of which layers consist, with its result written in place."""
     n = SURFACE + AMBIENT + INTERIOR
     a, b, c = torch.randn(n, WIDTH), torch.randn(WIDTH, WIDTH), torch.empty(n, WIDTH)
     return lambda: torch.mm(a, b, out=c)

@@ -1,11 +1,11 @@
-"""A mesh twisted by a known map, for landmarks that are known: vertex i of the one belongs to vertex i of the other.
+"""Twist a mesh by a known map, so that vertex i of the result corresponds to vertex i of the mesh.
 
     python tools/twist_mesh.py bunny.obj twisted.obj --degrees 90
-    python -m nsm.train method=insd landmarks=vertices shape@source=mesh source.path=bunny.obj \\
+    nsm train method=insd landmarks=vertices shape@source=mesh source.path=bunny.obj \\
         shape@target=mesh target.path=twisted.obj
 
-Each slice across the axis turns about the middle of the mesh, by an angle that grows evenly along the axis: from minus
-to plus half of `--degrees`. The map keeps volumes, so a motion without divergence can follow it.
+Each slice across the axis turns about the center of the mesh, by an angle that grows linearly along the axis from minus
+to plus half of `--degrees`. The map preserves volume, so a divergence-free motion can follow it.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from nsm.cli.files import whole_file
 def main() -> None:
     """Read, twist, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("mesh")
-    parser.add_argument("twisted")
-    parser.add_argument("--degrees", type=float, default=90.0, help="between the two ends")
+    parser.add_argument("mesh", help="file to read")
+    parser.add_argument("twisted", help="file to write")
+    parser.add_argument("--degrees", type=float, default=90.0, help="angle between both ends")
     parser.add_argument("--axis", choices="xyz", default="y")
     arguments = parser.parse_args()
     mesh = trimesh.load_mesh(arguments.mesh, process=False, maintain_order=True)
@@ -34,7 +34,7 @@ def main() -> None:
 
 
 def twisted(points: np.ndarray, axis: int, angle: float) -> np.ndarray:
-    """Points (n, 3) turned about an axis through the middle of their box, by -angle/2 at its low end to +angle/2."""
+    """Points (n, 3) rotated about an axis through the center of their box, by -angle/2 at its low end to +angle/2."""
     low, high = points.min(0), points.max(0)
     local = points - (low + high) / 2
     turn = angle * local[:, axis] / (high - low)[axis]

@@ -88,7 +88,7 @@ class Interpolant:
             index = (index[:, :, None] * (count + 2) + around[:, None]).flatten(1)
         index = index * (shape[-1] + 2) + cell[:, -1:]
         rows = torch.index_select(self._runs, 0, index.flatten())
-        return rows.view(len(x), 4 ** len(shape), -1), coordinate - cell, inside
+        return rows.view(len(x), 4 ** len(shape), rows.shape[1] // 4), coordinate - cell, inside
 
 
 def _products(weights: list[Tensor]) -> Float[Tensor, "n k"]:
