@@ -2,6 +2,8 @@
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 WORKERS ?= 2
+# Tracing lines slows tests down, so only CI reports the coverage of the package.
+COVERAGE ?= $(if $(CI),--cov=nsm --cov-report=)
 VENV := .venv
 RUN := $(VENV)/bin/python -m
 PIP := $(RUN) pip install -qq --disable-pip-version-check --no-input
@@ -25,8 +27,8 @@ demo: $(STAMP) ## train the default morph, two cylinders to a torus, into output
 	$(RUN) nsm.train hydra.run.dir=outputs/demo
 
 test: $(STAMP) $(GLTF) ## run all tests (WORKERS=2 side by side, PYTEST_ARGS for pytest)
-	$(RUN) pytest -q -n $(WORKERS) --cov=nsm --cov-report= $(PYTEST_ARGS)
-	@$(RUN) coverage report --format=total | sed 's/.*/coverage of nsm: & %/'
+	$(RUN) pytest -q -n $(WORKERS) $(COVERAGE) $(PYTEST_ARGS)
+	@$(if $(COVERAGE),$(RUN) coverage report --format=total | sed 's/.*/coverage of nsm: & %/')
 
 lint: $(STAMP) ## check style, types and the direction of imports
 	$(RUN) ruff check .

@@ -120,11 +120,8 @@ def test_flow_maps_are_made_once_for_a_time_and_few_are_kept():
     assert len(maps._cache) == 32
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_no_points_have_no_values(dim: int) -> None:
-    lattice = Lattice.corners(torch.tensor([[-1.0] * dim, [1.0] * dim]), 8)
-    values = torch.rand(*lattice.shape, 5)
-    nothing = torch.zeros(0, dim)
-    interpolated = Interpolation(lattice, values)
-    assert interpolated(nothing).shape == (0, 5)
-    assert [part.shape for part in interpolated.jet(nothing)] == [(0, 5), (0, 5, dim)]
+@both_dims
+def test_no_points_have_no_values(dim):
+    known, nothing = sampled(wave, dim, 9), torch.zeros(0, dim, dtype=torch.float64)
+    assert known(nothing).shape == (0, dim + 1)
+    assert [part.shape for part in known.jet(nothing)] == [(0, dim + 1), (0, dim + 1, dim)]

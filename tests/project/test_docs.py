@@ -135,7 +135,7 @@ def test_the_shape_of_the_docs_is_a_signed_distance_with_its_volume(extended: di
     x = 2 * torch.rand(200, 2) - 1
     jet = shape.jet(x)
     torch.testing.assert_close(jet.gradient.norm(dim=1), torch.ones(200))
-    assert volume(shape, shape.own_box(), 256) == pytest.approx(shape.volume(), rel=1e-4)
+    assert volume(shape, shape.local_box(), 256) == pytest.approx(shape.volume(), rel=1e-4)
     points = shape.surface_samples(50, torch.Generator().manual_seed(0)).points
     torch.testing.assert_close(shape(points), torch.zeros(50), atol=1e-5, rtol=0)
 
