@@ -106,9 +106,9 @@ def unreadable(folder: Path) -> dict[str, tuple[Path, str]]:
     (folder / "empty_run").mkdir()
     return {
         "missing": (folder / "nowhere.ckpt", "must be an existing file or folder"),
-        "cut": (folder / "cut.ckpt", "cut.ckpt must be a complete checkpoint"),
-        "text": (folder / "text.ckpt", "text.ckpt must be a complete checkpoint"),
-        "not ours": (folder / "other.ckpt", "other.ckpt must be a checkpoint of nsm"),
+        "cut": (folder / "cut.ckpt", "cut.ckpt` must be a complete checkpoint"),
+        "text": (folder / "text.ckpt", "text.ckpt` must be a complete checkpoint"),
+        "not ours": (folder / "other.ckpt", "other.ckpt` must be a checkpoint of nsm"),
         "format": (folder / "format.ckpt", "got format 99"),
         "no run": (folder / "empty_run", "which has no checkpoints/best.ckpt"),
     }

@@ -162,18 +162,18 @@ def read_checkpoint(file: Path) -> dict[str, Any]:
         content = torch.load(file, map_location="cpu", weights_only=True)
     except Exception as error:  # torch and pickle raise many types of exceptions for broken files
         raise InputError(
-            f"{file} must be a complete checkpoint of weights and plain values, got a file that cannot be read "
+            f"`{file}` must be a complete checkpoint of weights and plain values, got a file that cannot be read "
             f"({_first_line(error)}). Try a .ckpt file that nsm wrote."
         ) from error
     entry = content.get(ENTRY) if isinstance(content, dict) else None
     if not isinstance(entry, dict) or "state_dict" not in content:
         raise InputError(
-            f"{file} must be a checkpoint of nsm, got another file of torch. Try a .ckpt file that a run wrote, or "
+            f"`{file}` must be a checkpoint of nsm, got another file of torch. Try a .ckpt file that a run wrote, or "
             "`official=` for the authors' morphs."
         )
     if entry.get("format") != FORMAT:
         raise InputError(
-            f"{file} must have checkpoint format {FORMAT} for nsm {nsm.__version__}, got format "
+            f"`{file}` must have checkpoint format {FORMAT} for nsm {nsm.__version__}, got format "
             f"{entry.get('format')}. Try nsm {entry.get('version')}, which wrote it, or train again."
         )
     return content
@@ -198,10 +198,10 @@ def _restore(file: Path, content: Mapping[str, Any], kind: type[Any], prefix: st
         weights = content["state_dict"]
         model.load_state_dict({k.removeprefix(prefix): v for k, v in weights.items() if k.startswith(prefix)})
     except InputError as error:
-        raise InputError(f"{file} cannot be loaded: {error}") from error
+        raise InputError(f"`{file}` cannot be loaded: {error}") from error
     except (KeyError, TypeError, AttributeError, ValueError, RuntimeError) as error:
         raise InputError(
-            f"{file} must hold weights that fit its model, got others ({_first_line(error)}). Try another checkpoint "
+            f"`{file}` must hold weights that fit its model, got others ({_first_line(error)}). Try another checkpoint "
             "of the run."
         ) from error
     return model

@@ -93,7 +93,10 @@ def shape_kind(path: str | os.PathLike[str]) -> str:
     kinds = [kind for kind, endings in _ENDINGS.items() if name.endswith(endings)]
     if not kinds:
         known = "; ".join(f"{kind}: {', '.join(endings)}" for kind, endings in _ENDINGS.items())
-        raise InputError(f"The name of a file of a shape must end as one of these kinds does ({known}), got {path}.")
+        raise InputError(
+            f"The name of a file of a shape must end as one of these kinds does ({known}), got {path}. Try a mesh "
+            "such as `a.obj`."
+        )
     if len(kinds) == 1:
         return kinds[0]
     file = resolve(path)

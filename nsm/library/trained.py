@@ -110,7 +110,8 @@ class TrainedMorph(Morph):
             )
         if coordinates not in COORDINATES:
             raise InputError(
-                f"`coordinates` must be {', '.join(COORDINATES[:-1])} or {COORDINATES[-1]}, got {coordinates}."
+                f"`coordinates` must be {', '.join(COORDINATES[:-1])} or {COORDINATES[-1]}, got {coordinates}. "
+                "Try `coordinates='source'`."
             )
         time, resolution = moment("t", t), whole_number("resolution", resolution, 2)
         back = similarity_to(self._morph, coordinates)
@@ -201,7 +202,10 @@ class TrainedMorph(Morph):
 
     def _save_checkpoint(self, path: Path) -> Path:
         if not self._content:
-            raise InputError("`path` of a published morph must not end in .ckpt, which holds networks of nsm only.")
+            raise InputError(
+                "`path` of a published morph must not end in .ckpt, which holds networks of nsm only. "
+                "Try `morph.save('morph.glb')`."
+            )
         checkpoint.write_checkpoint(path, self._content[checkpoint.ENTRY], self._content["state_dict"])
         return path
 

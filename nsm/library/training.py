@@ -7,7 +7,6 @@ import signal
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
+from nsm.cli.settings import invalid, nearest
 from nsm.io.loading import known_ends
 from nsm.io.mesh import write_mesh
 from nsm.library.trained import TrainedMorph, load_morph
@@ -144,7 +144,9 @@ def _composed(overrides: list[str], folder: Path) -> DictConfig:
         try:
             return compose("train", [*overrides, *places], return_hydra_config=True)
         except (HydraException, OmegaConfBaseException) as error:
-            raise InputError(f"The options must compose, got {' '.join(str(error).split())}") from error
+            raise InputError(
+                f"The options must compose, got: {' '.join(str(error).split())}. Try `nsm train --help`."
+            ) from error
 
 
 @contextmanager
@@ -168,7 +170,8 @@ def _choices(options: Mapping[str, Any]) -> list[str]:
     chosen = {name: value for name, value in options.items() if isinstance(value, str) and name in _groups()}
     for name, value in chosen.items():
         if value not in _variants(name):
-            raise InputError(f"`{name}` must be one of {', '.join(_variants(name))}, got {value}.")
+            near = nearest(value, _variants(name)) or _variants(name)[0]
+            raise invalid(name, f"one of {', '.join(_variants(name))}", value, near)
     return [f"{name}={value}" for name, value in chosen.items()]
 
 
@@ -197,9 +200,8 @@ def _require_setting(cfg: DictConfig, key: str) -> None:
         return
     known = [str(name) for name in (node if isinstance(node, DictConfig) else cfg) if name != "hydra"]
     place = f"setting of `{'.'.join(parents)}`" if parents else "option of training"
-    near = get_close_matches(last, known, 1)
-    hint = f" Try `{near[0]}`." if near else ""
-    raise InputError(f"`{key}` must be a known {place} ({', '.join(sorted(known))}).{hint}")
+    near = nearest(last, known) or "nsm train --help"
+    raise InputError(f"`{key}` must be a known {place} ({', '.join(sorted(known))}). Try `{near}`.")
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:

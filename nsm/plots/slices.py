@@ -151,7 +151,7 @@ def require_slices(rows: Mapping[str, Morph], times: Sequence[float], plane: Sli
     dims = {morph.dim for morph in rows.values()}
     if len(dims) != 1:
         raise InputError(
-            f"Morphs in one picture of slices must be of one dimension, got dimensions {sorted(dims)}. "
+            f"`checkpoint` must name morphs of one dimension for one picture of slices, got dimensions {sorted(dims)}. "
             "Try one picture for each dimension."
         )
     if not len(times) or not all(0 <= time <= 1 for time in times):

@@ -125,14 +125,14 @@ def test_no_file(tmp_path: Path) -> None:
 def test_a_file_that_is_empty_or_cut(part: float, file: Path) -> None:
     whole = file.read_bytes()
     file.write_bytes(whole[: int(part * len(whole))])
-    with pytest.raises(InputError, match=r"a.ckpt must be a complete checkpoint .*, got a file that cannot be read"):
+    with pytest.raises(InputError, match=r"a.ckpt` must be a complete checkpoint .*, got a file that cannot be read"):
         load_morph(file)
 
 
 @pytest.mark.parametrize("data", [b"a text\n", b"\x80\x02.", b"PK\x03\x04 no archive", bytes(1000)])
 def test_a_file_of_another_kind(data: bytes, file: Path) -> None:
     file.write_bytes(data)
-    with pytest.raises(InputError, match=r"a.ckpt must be a (complete )?checkpoint"):
+    with pytest.raises(InputError, match=r"a.ckpt` must be a (complete )?checkpoint"):
         load_morph(file)
 
 
@@ -252,7 +252,7 @@ def test_a_name_that_is_no_module_of_ours_is_not_called(target: Any, place: str,
         "source": {**MODEL, "source": node},
     }[place]
     save(content(model=model), file)
-    with pytest.raises(InputError, match=r"a.ckpt cannot be loaded: `_target_` must be a Module .*, got .*\. Try"):
+    with pytest.raises(InputError, match=r"a.ckpt` cannot be loaded: `_target_` must be a Module .*, got .*\. Try"):
         load_morph(file)
     assert not marker.exists()
 

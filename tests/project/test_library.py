@@ -144,8 +144,8 @@ def test_a_morph_of_the_plane_has_a_volume_and_a_folder_of_curves(tmp_path: Path
     [
         ({"stepz": 3}, r"^`stepz` must be a known option of training \(.*\)\. Try `steps`\.$"),
         ({"optimizer": {"lrr": 1}}, r"^`optimizer.lrr` must be a known setting of `optimizer` \(.*\)\. Try `lr`\.$"),
-        ({"velocity": "nulldi"}, r"^`velocity` must be one of adadiv, .*, got nulldi\.$"),
-        ({"budget": "huge"}, r"^`budget` must be one of fast, full, plane, got huge\.$"),
+        ({"velocity": "nulldi"}, r"^`velocity` must be one of adadiv, .*, got nulldi\. Try `velocity=nulldiv`\.$"),
+        ({"budget": "huge"}, r"^`budget` must be one of fast, full, plane, got huge\. Try `budget="),
         ({"ends": "loose"}, r"^`ends` must be one of exact, network, got loose\."),
         ({"steps": 0}, r"steps"),
     ],

@@ -51,7 +51,7 @@ def points_inside(shape: FieldShape, count: int, seed: int) -> Float[Tensor, "n 
         if found < _LEAST_SHARE * drawn:
             raise InputError(
                 f"The {shape.provenance()['kind']} must have an inside to be filled with points, got {found} of "
-                f"{drawn} points inside. Try a closed surface."
+                f"{drawn} points inside. Try a closed surface, or `method=adadiv`."
             )
     return torch.cat(kept)[:count]
 
