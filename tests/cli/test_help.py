@@ -18,11 +18,13 @@ def test_every_command_says_its_purpose_and_fits_a_terminal(command: str) -> Non
     said = command_help(command)
     assert said.startswith(f"usage: nsm {command} ")
     assert describe(command).purpose.endswith(".")
+    assert len(describe(command).examples) == 3
+    assert all(group.says.endswith(".") for group in describe(command).groups)
     examples = {f"  {example}" for example in describe(command).examples}
     assert max(len(line) for line in said.splitlines() if line not in examples) <= 80
 
 
-@pytest.mark.parametrize("command", [command for command in COMMANDS if command != "compare"])
+@pytest.mark.parametrize("command", COMMANDS)
 def test_every_setting_is_described(command: str) -> None:
     assert all(setting.says for setting in describe(command).settings)
 
@@ -30,8 +32,6 @@ def test_every_setting_is_described(command: str) -> None:
 def test_help_of_training_describes_every_group_and_lists_its_options() -> None:
     said = command_help("train")
     description = describe("train")
-    assert len(description.examples) == 3
-    assert all(group.says.endswith(".") for group in description.groups)
     assert {group.folder for group in description.groups} <= group_folders()
     for group in description.groups:
         assert f"  {group.typed}\n" in said
