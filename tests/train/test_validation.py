@@ -253,5 +253,5 @@ def test_what_leaves_the_training_box_is_reported(caplog: pytest.LogCaptureFixtu
         found = validated(morph)
     assert found.beyond == pytest.approx(0.5, rel=0.1)
     assert "leaves the training box [-1.5, 1.5]^3 at t = 1, with about" in caplog.text
-    assert "give a larger sampler.box.half_width" in caplog.text
+    assert "Try a larger `sampler.box.half_width`." in caplog.text
     assert float(found.box[1, 0]) == 1.5
