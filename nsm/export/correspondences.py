@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,18 @@ log = logging.getLogger(__name__)
 
 
 def write_correspondences(
-    folder: Path, source: SimplexMesh, target: SimplexMesh, distances: Float[Tensor, " v"], colors: Float[Tensor, "v 3"]
+    folder: Path,
+    source: SimplexMesh,
+    target: SimplexMesh,
+    distances: Float[Tensor, " v"],
+    colors: Float[Tensor, "v 3"],
+    in_files: Mapping[str, Float[Tensor, "v d"]],
 ) -> None:
     """Write which point of the target each vertex of the source becomes.
 
     ``correspondences.npz`` holds ``source_points`` (v, d), ``target_points`` (v, d), ``distances`` (v,), and
-    ``simplices`` (m, d). ``source.ply`` and ``target.ply`` (OBJ in 2D) show corresponding points in the same color.
+    ``simplices`` (m, d); and ``source_in_file`` and ``target_in_file`` (v, d), the same points, each in the coordinates
+    of its own file. ``source.ply`` and ``target.ply`` (OBJ in 2D) show corresponding points in the same color.
 
     Args:
         folder: The folder to write to.
@@ -31,6 +38,7 @@ def write_correspondences(
         target: The same simplices on the target.
         distances: Distances between the advected vertices and the target.
         colors: Colors of the vertices, sRGB in 0..1.
+        in_files: For ``source`` and ``target``, the vertices in the coordinates of the end's file.
     """
     suffix = "ply" if source.vertices.shape[1] == 3 else "obj"
     for name, mesh in (("source", source), ("target", target)):
@@ -42,6 +50,8 @@ def write_correspondences(
             target_points=target.vertices.cpu().numpy(),
             distances=distances.cpu().numpy(),
             simplices=source.simplices.cpu().numpy(),
+            source_in_file=in_files["source"].cpu().numpy(),
+            target_in_file=in_files["target"].cpu().numpy(),
         )
     log.info(
         "wrote correspondences.npz, source.%s, and target.%s to %s (distance between advected vertices and the target: "

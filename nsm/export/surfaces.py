@@ -132,12 +132,14 @@ class Advected(Surfaces):
             return
         found = correspondences(self.morph, self._advected, self.request.resolution)
         colors = self.attributes.colors
+        points = {"source": found.source_points, "target": found.target_points}
         write_correspondences(
             folder,
             self.place(SimplexMesh(found.source_points, found.simplices)),
             self.place(SimplexMesh(found.target_points, found.simplices)),
             found.distances.double() * self._back.scale,
             self._start_colors if colors is None else colors,
+            {end: similarity_to(self.morph, end).apply(there.double()) for end, there in points.items()},
         )
 
     @cached_property

@@ -48,6 +48,7 @@ def main(arguments: list[str]) -> None:
     """
     given = _parser().parse_args(arguments)
     choice("budget", given.budget, options("budget"))
+    choice("align", given.align, options("align"))
     whole_number("frames", given.frames, least=2, example=FRAMES)
     whole_number("resolution", given.resolution, least=8, example=RESOLUTION)
     output = _output(given)
@@ -59,6 +60,7 @@ def main(arguments: list[str]) -> None:
         output=given.keep,
         source_settings=_settings("source", given.source_setting),
         target_settings=_settings("target", given.target_setting),
+        align=given.align,
     )
     written = result.save(output, frames=given.frames, resolution=given.resolution)
     Console(soft_wrap=True, highlight=False, markup=False).print(f"wrote {written}")
@@ -82,6 +84,12 @@ def _parser() -> argparse.ArgumentParser:
         " named after both shapes",
     )  # fmt: skip
     parser.add_argument("--budget", default="full", help="training budget, fast or full (default: %(default)s)")
+    parser.add_argument(
+        "--align",
+        default="none",
+        help="how the target is moved to the source: none, shared (coordinates of both files), rigid, or similarity "
+        "(default: %(default)s)",
+    )
     parser.add_argument(
         "--frames", type=int, default=FRAMES, metavar="N", help="number of meshes or pictures (default: %(default)s)"
     )

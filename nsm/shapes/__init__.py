@@ -1,5 +1,6 @@
 """Shapes, which are the ends of a morph."""
 
+from nsm.shapes.alignment import Aligned, Alignment, RigidAlignment, SharedCoordinates, SimilarityAlignment, Unaligned
 from nsm.shapes.base import FieldShape, Shape, working_box
 from nsm.shapes.download import fetch, resolve
 from nsm.shapes.labels import LabelVolume
@@ -15,6 +16,8 @@ from nsm.shapes.siren import SirenShape
 from nsm.shapes.siren_file import SirenFile
 
 __all__ = [
+    "Aligned",
+    "Alignment",
     "Ball",
     "Box",
     "Capsule",
@@ -33,12 +36,16 @@ __all__ = [
     "PointCloud",
     "Polygon",
     "Primitive",
+    "RigidAlignment",
     "Shape",
+    "SharedCoordinates",
     "Silhouette",
     "Similarity",
+    "SimilarityAlignment",
     "SirenFile",
     "SirenShape",
     "Torus",
+    "Unaligned",
     "Union",
     "equal_volume",
     "fetch",

@@ -125,7 +125,8 @@ def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary
         return None
     begin = time.monotonic()
     method = instantiate(cfg.task.transport)
-    ends = prepare_ends(instantiate(cfg.source), instantiate(cfg.target), _fit(cfg, config), equal=cfg.equal_volume)
+    shapes = instantiate(cfg.source), instantiate(cfg.target)
+    ends = prepare_ends(*shapes, _fit(cfg, config), equal=cfg.equal_volume, align=instantiate(cfg.align))
     prepared = time.monotonic() - begin
     writers = [callback for callback in instantiate(cfg.callbacks).values() if isinstance(callback, MorphWriter)]
     return replace(transport_run(method, ends, config, writers, folder), preparing=prepared)
@@ -134,7 +135,7 @@ def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary
 def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
     source, target = instantiate(cfg.source), instantiate(cfg.target)
     fit = _fit(cfg, config)
-    ends = prepare_ends(source, target, fit, equal=cfg.equal_volume)
+    ends = prepare_ends(source, target, fit, equal=cfg.equal_volume, align=instantiate(cfg.align))
     dim = ends.source.dim
     model = {
         "_target_": "nsm.morphs.neural.NeuralMorph",

@@ -25,6 +25,7 @@ from nsm.geometry.meshing import extract_surface
 from nsm.io.official import load_official
 from nsm.library import TrainedMorph
 from nsm.morphs.exact_ends import ExactEnds
+from nsm.morphs.file_coordinates import FileCoordinates
 from nsm.morphs.growth import Grown, ScaleLinear, SmoothStep, Table, VolumeLinear
 from nsm.morphs.neural import NeuralMorph
 from nsm.morphs.optimal_transport import OptimalTransport
@@ -44,6 +45,8 @@ SMALL = (
     "network.velocity.omega=2",
     "network.velocity.first_omega=2",
 )
+#: A disk whose file has other units and another orientation.
+POSED = Ball(0.65, [0.0, 0.0], pose={"rotation": 90, "translation": [0.1, 0.2], "scale": 0.01})
 
 
 class Case(NamedTuple):
@@ -90,6 +93,7 @@ CASES = {
     "grown without velocity": Case(lambda: Grown(neural("none", 2), VolumeLinear(2, 1.0, 1.5)), networks=True),
     "exact ends": Case(lambda: ExactEnds(turning(2, 0.5).double(), 12, 64)),
     "grown exact ends": Case(lambda: Grown(ExactEnds(turning(2, 0.5).double(), 12, 64), VolumeLinear(2, 1.0, 1.5))),
+    "file coordinates": Case(lambda: FileCoordinates(turning(2, 0.5, POSED).double(), "source")),
     # its gradient is itself a difference, over two cells of a grid
     "optimal transport": Case(lambda: optimal_transport(2), 2 / 32, 0.05),
     "library": Case(lambda: library(2), networks=True),

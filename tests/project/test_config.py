@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+import trimesh
 from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
 from runs import BARE, TINY, composed, files, train_here
@@ -189,6 +190,24 @@ def test_every_logger_writes_below_the_runs_folder(name: str, tmp_path: Path) ->
     offline = ["logger.wandb.offline=true"] if name == "wandb" else []
     made = instantiate(composed(f"logger={name}", *offline, folder=str(tmp_path)).logger, _convert_="all")
     assert [Path(logger.save_dir) for logger in made.values()] == [tmp_path]
+
+
+@pytest.mark.parametrize("name", variants("align"))
+def test_every_alignment_is_recorded_with_the_target(name: str, tmp_path: Path) -> None:
+    files = []
+    for end, middle in (("source", 900.0), ("target", 901.0)):
+        mesh = trimesh.creation.icosphere(2)
+        mesh.apply_translation([middle, 0, 0])
+        mesh.export(tmp_path / f"{end}.obj")
+        files += [f"shape@{end}=mesh", f"{end}.path={tmp_path}/{end}.obj"]
+    bare = [o for o in TINY if not o.startswith(("callbacks.", "init="))]
+    small = ["steps=1", "validations=1", "callbacks=none", f"hydra.run.dir={tmp_path}/run"]
+    assert train_here(*files, *bare, *small, f"align={name}") == 0
+    morph = load_morph(tmp_path / "run")
+    assert morph.provenance["target"]["alignment"]["kind"] == name
+    wanted = [1.0 if name == "shared" else 0.0, 0, 0]
+    apart = (morph.target.exact_bounds() - morph.source.exact_bounds()).mean(0) / morph.source.similarity.scale
+    torch.testing.assert_close(apart, torch.tensor(wanted).double(), atol=1e-3, rtol=0)
 
 
 @pytest.mark.parametrize("name", variants("network"))

@@ -13,7 +13,7 @@ from test_library import TINY
 
 import nsm.__main__ as program
 from nsm.io.checkpoint import read_checkpoint
-from nsm.library import command, morph
+from nsm.library import command, load_morph, morph
 
 
 @pytest.fixture
@@ -40,11 +40,11 @@ def run(monkeypatch: pytest.MonkeyPatch, *typed: str) -> int:
 def test_one_line_writes_an_animation_and_keeps_the_run(
     meshes: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    typed = (*meshes, "-o", "out/morph.glb", "--frames", "3", "--resolution", "16", "--keep", "run", "--seed", "1")
+    typed = (*meshes, "-o", "out/morph.glb", "--frames", "3", "--resolution", "16", "--keep", "run", "--align", "rigid")
     assert run(monkeypatch, *typed) == 0
     assert "wrote out/morph.glb" in capsys.readouterr().out
     assert trimesh.load("out/morph.glb").geometry
-    assert Path("run/checkpoints/best.ckpt").is_file()
+    assert load_morph("run").provenance["target"]["alignment"]["kind"] == "rigid"
     # what was kept is a shape of its own for the next command: a morph is refused by name
     assert run(monkeypatch, "run", meshes[1]) == 2
     assert "holds a morph" in capsys.readouterr().err
@@ -62,6 +62,10 @@ def test_by_default_a_folder_named_after_both_holds_the_meshes(
     [
         (["-o", "film.mp5"], "got film.mp5. Try `--output film.mp4`."),
         (["--budget", "ful"], "`budget` must be one of fast, full, plane, got ful. Try `budget=full`."),
+        (
+            ["--align", "ridgid"],
+            "`align` must be one of none, rigid, shared, similarity, got ridgid. Try `align=rigid`.",
+        ),
         (["--frames", "0"], "`frames` must be an integer of at least 2, got 0."),
         (["--fames", "3"], "Try `nsm morph a.obj b.obj -o film.mp4`."),
     ],

@@ -7,8 +7,11 @@ from typing import Any
 
 from nsm.cli.errors import InputError
 from nsm.fields import ScalarSiren
-from nsm.shapes import FieldShape, Shape, SirenShape, equal_volume, place_together
+from nsm.shapes import Alignment, FieldShape, Shape, SirenShape, Unaligned, equal_volume, place_together
 from nsm.train.tasks.fit import SdfFit, realize
+
+#: Leaves shapes where their poses put them.
+UNALIGNED = Unaligned()
 
 
 @dataclass(frozen=True)
@@ -19,7 +22,8 @@ class Ends:
         source: Posed and scaled field at t = 0.
         target: Posed and scaled field at t = 1.
         provenance: Origin of each shape, its similarity to the box, and the factor by which it was scaled for equal
-            volumes (1 for the smaller shape), as plain values.
+            volumes (1 for the smaller shape), as plain values; for the target also its ``alignment``, which says how it
+            was moved to the source.
     """
 
     source: FieldShape
@@ -27,14 +31,15 @@ class Ends:
     provenance: dict[str, Any]
 
 
-def prepare_ends(source: Shape, target: Shape, fit: SdfFit, equal: bool = True) -> Ends:
-    """Fit networks to shapes that are not fields yet, make the volumes equal, and place both together in the box.
+def prepare_ends(source: Shape, target: Shape, fit: SdfFit, equal: bool = True, align: Alignment = UNALIGNED) -> Ends:
+    """Fit networks to shapes that are not fields yet, align them, make the volumes equal, and place both in the box.
 
     Args:
         source: Shape at t = 0.
         target: Shape at t = 1.
         fit: Recipe that fits a network to a shape.
         equal: Whether to make the volumes equal.
+        align: Moves the target to the source, before the volumes are made equal.
 
     Raises:
         InputError: If the dimensions differ.
@@ -48,7 +53,8 @@ def prepare_ends(source: Shape, target: Shape, fit: SdfFit, equal: bool = True) 
     for field in fields:
         if isinstance(field, SirenShape):
             field.log_deviation()
-    scales = [1.0, 1.0]
+    aligned = align(*fields)
+    fields, scales = [fields[0], aligned.target], [1.0, 1.0]
     if equal:
         result = equal_volume(*fields)
         fields, scales = [result.source, result.target], [result.source_scale, result.target_scale]
@@ -57,6 +63,7 @@ def prepare_ends(source: Shape, target: Shape, fit: SdfFit, equal: bool = True) 
         end: {**field.provenance(), "scale": scale}
         for end, field, scale in zip(("source", "target"), (pair.source, pair.target), scales, strict=True)
     }
+    provenance["target"]["alignment"] = aligned.provenance
     return Ends(pair.source, pair.target, provenance)
 
 
