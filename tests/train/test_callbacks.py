@@ -43,8 +43,8 @@ def test_a_frame_is_the_surface_with_the_normals_of_f(tmp_path: Path) -> None:
     write_mesh(file, mesh, normals)
     read = trimesh.load(file, process=False)
     torch.testing.assert_close(torch.as_tensor(read.vertices), mesh.vertices.double(), atol=1e-6, rtol=0)
-    centre = torch.tensor([0.0, 0.0, 0.0]).double()
-    radial = torch.nn.functional.normalize(mesh.vertices - centre, dim=1)
+    center = torch.tensor([0.0, 0.0, 0.0]).double()
+    radial = torch.nn.functional.normalize(mesh.vertices - center, dim=1)
     torch.testing.assert_close(torch.as_tensor(read.vertex_normals.copy()), radial, atol=1e-5, rtol=0)
 
 
