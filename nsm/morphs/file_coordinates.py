@@ -47,7 +47,7 @@ class FileCoordinates(Morph):
         shape = morph.source if end == "source" else morph.target
         if not isinstance(shape, FieldShape):
             raise InputError(
-                f"`end` must be one whose file is known, got {end} of a published morph. Try a trained morph."
+                f"`morph` must have a {end} with a file, got a {type(shape).__name__}. Try a morph of `nsm.load_morph`."
             )
         self.morph, self.dim, self.provenance = morph, morph.dim, morph.provenance
         self.to_file = shape.similarity.inverse()

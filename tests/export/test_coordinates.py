@@ -141,7 +141,7 @@ def test_a_motion_in_other_units_obeys_the_level_set_equation(name: str, dim: in
 
 def test_a_morph_of_no_file_has_no_coordinates_of_it() -> None:
     motion = next(iter(MOTIONS.values()))(3)
-    with pytest.raises(InputError, match="must be one whose file is known"):
+    with pytest.raises(InputError, match="`morph` must have a target with a file"):
         FileCoordinates(motion, "target")
     with pytest.raises(InputError, match=r"`end` must be source or target, got box"):
         FileCoordinates(turning(3, 0.1), "box")
