@@ -31,7 +31,7 @@ from nsm.shapes import Similarity, SirenShape
 from nsm.shapes.similarity import Pose
 from nsm.types import Morph
 
-FORMAT = 1
+FORMAT = 2
 #: Key of the entry in the dictionary of a checkpoint.
 ENTRY = "nsm"
 #: Prefix of a morph's weights, after the attribute of the training task that holds it. Those of a shape have none.

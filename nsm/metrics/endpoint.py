@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from nsm.geometry.differences import finite_gradient
 from nsm.geometry.distance import DistanceSummary, closest_points, sample_mesh
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.volume import VOLUME_RESOLUTION, volume
@@ -111,13 +112,6 @@ def endpoint_errors(
         float(torch.rad2deg(angles(normals, expected_normals)).mean()),
         volume_error,
     )
-
-
-def finite_gradient(field: SignedDistance, points: Float[Tensor, "n d"], step: float) -> Float[Tensor, "n d"]:
-    """Gradient of a field by central differences, shape (n, d)."""
-    with torch.no_grad():
-        shifts = step * torch.eye(points.shape[1], dtype=points.dtype, device=points.device)
-        return torch.stack([field(points + s) - field(points - s) for s in shifts], 1) / (2 * step)
 
 
 def angles(a: Float[Tensor, "n d"], b: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:

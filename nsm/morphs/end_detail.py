@@ -9,9 +9,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from nsm.geometry.differences import finite_gradient
 from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.interpolation import Interpolant
-from nsm.metrics.endpoint import finite_gradient
 from nsm.shapes import FieldShape
 from nsm.types import Morph, SignedDistance
 

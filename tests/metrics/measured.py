@@ -7,10 +7,10 @@ from functools import partial
 import torch
 from problems import LinearMotion
 
+from nsm.geometry.differences import finite_gradient
 from nsm.geometry.meshing import extract_surface
 from nsm.metrics import Protocol
 from nsm.metrics.advection import check_advection
-from nsm.metrics.endpoint import finite_gradient
 from nsm.metrics.surface import SurfaceFigures, surface_figures
 from nsm.types import Morph
 

@@ -16,8 +16,9 @@ from nsm import calculus, shapes
 from nsm.compare.results import Result
 from nsm.compare.tabulate import figure_table, overview
 from nsm.evaluate.tables import markdown_table
+from nsm.geometry.differences import finite_gradient
 from nsm.metrics import STAGES, Protocol, all_metrics, evaluate_morph, figures, find_metric, volume_curve
-from nsm.metrics.endpoint import endpoint_errors, finite_gradient
+from nsm.metrics.endpoint import endpoint_errors
 from nsm.plots.tables import markdown
 from nsm.shapes import Similarity
 from nsm.types import Morph

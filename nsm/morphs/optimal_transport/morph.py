@@ -14,9 +14,9 @@ from scipy.optimize import brentq
 from torch import Tensor, nn
 
 from nsm.cli.errors import InputError
+from nsm.geometry.differences import finite_gradient
 from nsm.geometry.grid import Lattice
 from nsm.geometry.volume import volume
-from nsm.metrics.endpoint import finite_gradient
 from nsm.morphs.optimal_transport.density import REACH, distance_of_density, histogram, kernel_density, padded_lattice
 from nsm.shapes import FieldShape
 from nsm.types import Morph, Times
