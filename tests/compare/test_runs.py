@@ -206,4 +206,5 @@ def test_progress_tells_finished_runs_from_active_ones(tmp_path: Path, capfd: py
     log.write_text("epoch,step,train/loss\n0,3,1.0\n")
     with study_progress(runs):
         pass
-    assert "training: 1 of 3 runs, disk/nise: step 4 of 8, " in capfd.readouterr().err
+    printed = capfd.readouterr().err
+    assert printed.startswith("training: 1 of 3 runs, ") and "disk/nise: step 4 of 8" in printed
