@@ -207,4 +207,5 @@ def test_progress_tells_finished_runs_from_active_ones(tmp_path: Path, capfd: py
     with study_progress(runs):
         pass
     printed = capfd.readouterr().err
-    assert printed.startswith("training: 1 of 3 runs, ") and "disk/nise: step 4 of 8" in printed
+    assert printed.startswith("training: 1 of 3 runs, ")
+    assert "disk/nise: step 4 of 8" in printed

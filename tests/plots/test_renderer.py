@@ -7,7 +7,6 @@ import math
 from functools import partial
 from pathlib import Path
 
-import lightning as L
 import numpy as np
 import pytest
 import torch
@@ -16,6 +15,7 @@ from problems import MOTIONS, Ball, LinearMotion
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.refinement import refine_bends
 from nsm.geometry.topology import component_count
+from nsm.metrics import VolumeCurve
 from nsm.plots import opengl
 from nsm.plots.camera import place_camera
 from nsm.plots.lighting import Lighting
@@ -121,11 +121,9 @@ def test_without_opengl_the_packages_are_named(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("_no_opengl")
 def test_without_opengl_training_goes_on(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert not try_strip(tmp_path / "strip.png", LinearMotion(Ball(3)), [0.0], size=40)
-    trainer = L.Trainer(max_steps=0, logger=False, enable_checkpointing=False, accelerator="cpu")
-    task = L.LightningModule()
-    task.morph = LinearMotion(Ball(3))
+    curve = VolumeCurve(torch.zeros(1), torch.ones(1))
     with caplog.at_level(logging.WARNING):
         caplog.clear()
-        Strip(str(tmp_path), [0.0], 40).on_train_end(trainer, task)
+        Strip(str(tmp_path), [0.0], 40).write(LinearMotion(Ball(3)), curve, "run")
     assert [record.message.split(". ")[0] for record in caplog.records] == [f"Skipped {tmp_path / 'strip.png'}"]
     assert not list(tmp_path.iterdir())
