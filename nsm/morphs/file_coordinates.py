@@ -37,8 +37,16 @@ class FileCoordinates(Morph):
         InputError: If ``end`` is neither, or the morph does not know the coordinates of its file.
 
     Example:
-        >>> in_mm = FileCoordinates(nsm.load_morph("outputs/demo"), "target")  # doctest: +SKIP
-        >>> nsm.extract_frame(in_mm, 1.0).mesh.vertices  # doctest: +SKIP
+        >>> import torch
+        >>> from nsm.fields import ScalarSiren
+        >>> from nsm.morphs.file_coordinates import FileCoordinates
+        >>> from nsm.morphs.neural import NeuralMorph
+        >>> from nsm.shapes import Ball, Similarity
+        >>> half = Ball(1.0).transformed(Similarity.read({"scale": 0.5}, 3))  # a file with a ball of radius 1
+        >>> morph = NeuralMorph(ScalarSiren(4, 8, 1), None, half, Ball(0.5)).requires_grad_(False)
+        >>> in_file = FileCoordinates(morph, "source")
+        >>> float(in_file.source(torch.zeros(1, 3))), in_file.bounds[1].tolist()
+        (-1.0, [2.0, 2.0, 2.0])
     """
 
     def __init__(self, morph: Morph, end: str) -> None:
