@@ -47,7 +47,7 @@ def test_one_line_writes_an_animation_and_keeps_the_run(
     assert load_morph("run").provenance["target"]["alignment"]["kind"] == "rigid"
     # what was kept is a shape of its own for the next command: a morph is refused by name
     assert run(monkeypatch, "run", meshes[1]) == 2
-    assert "holds a morph" in capsys.readouterr().err
+    assert "must be the checkpoint of a run with `task=sdf`, got a NeuralMorph" in capsys.readouterr().err
 
 
 def test_by_default_a_folder_named_after_both_holds_the_meshes(
