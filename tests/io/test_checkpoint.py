@@ -147,7 +147,7 @@ def test_a_file_of_torch_that_is_no_checkpoint_of_nsm(other: Any, file: Path) ->
 
 def test_another_format_says_which_version_wrote_it(file: Path) -> None:
     save(content(format=99, version="7.8"), file)
-    with pytest.raises(InputError, match=r"format 1 for nsm .*, got format 99\. Try nsm 7\.8, which wrote it"):
+    with pytest.raises(InputError, match=rf"format {FORMAT} for nsm .*, got format 99\. Try nsm 7\.8, which wrote it"):
         load_morph(file)
 
 
