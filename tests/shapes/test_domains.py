@@ -176,7 +176,7 @@ class TestMesh:
         assert torch.equal(copy.deepcopy(again)(x), shape(x))
         assert again.provenance() == shape.provenance()
         assert again.volume() == shape.volume()
-        with pytest.raises(InputError, match="do not trust"):
+        with pytest.raises(InputError, match="must be a Module of nsm that reads no other file"):
             build({"_target_": "nsm.shapes.MeshFile", "path": str(tmp_path / "a.obj")})
 
     @pytest.mark.parametrize("scale", [0.001, 1.0, 1000.0])
