@@ -15,26 +15,25 @@ from torch import Tensor, nn
 
 from nsm.geometry.triangles import Triangles
 from nsm.geometry.volume import volume
-from nsm.shapes.base import VOLUME_RESOLUTION, FieldShape
+from nsm.shapes.base import VOLUME_RESOLUTION
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.mesh_reading import merge_vertices, openness, orient_outward, read_mesh, signed_volume
 from nsm.shapes.mesh_repair import repaired
 from nsm.shapes.placing import FilePlacement, centered
-from nsm.shapes.sampling import sample_mesh_surface, unit_normals
+from nsm.shapes.sampling import unit_normals
 from nsm.shapes.similarity import Pose, Similarity
+from nsm.shapes.simplices import SimplexShape
 from nsm.shapes.solid import solid_boundary
-from nsm.types import Jet, SimplexMesh, SurfaceSamples
+from nsm.types import Jet, SimplexMesh
 
 log = logging.getLogger(__name__)
 
 #: Distance to a triangle, relative to the size of the mesh, below which the gradient is the normal of the triangle,
 #: because rounding errors dominate the direction from the closest point.
 _ON_TRIANGLE = 1e-5
-#: Margin around the mesh in which its volume is measured on a grid, relative to its size.
-_MARGIN = 0.05
 
 
-class MeshShape(FieldShape):
+class MeshShape(SimplexShape):
     """The signed distance to a triangle mesh: exact, and negative where the winding number exceeds 1/2.
 
     The winding number is 1 inside and 0 outside a closed mesh and varies smoothly across holes, so that a mesh with
@@ -57,7 +56,6 @@ class MeshShape(FieldShape):
         https://doi.org/10.1145/3197517.3201337
     """
 
-    vertices: Tensor
     faces: Tensor
 
     def __init__(
@@ -88,17 +86,6 @@ class MeshShape(FieldShape):
         """Return the mesh itself."""
         return SimplexMesh(self.vertices, self.faces)
 
-    def surface(self) -> SimplexMesh:
-        """Return the mesh in the coordinates of the box, in the default precision."""
-        vertices = self.placement.apply(self.vertices.double()).to(torch.get_default_dtype())
-        return SimplexMesh(vertices, self.faces)
-
-    def local_box(self) -> Float[Tensor, "2 d"]:
-        """Return the bounding box with a margin."""
-        low, high = self.vertices.amin(0), self.vertices.amax(0)
-        margin = _MARGIN * (high - low).max()
-        return torch.stack([low - margin, high + margin])
-
     def volume(self) -> float:
         """Compute the volume of the inside by the divergence theorem if the mesh is closed, and otherwise on a grid."""
         if self.closed:
@@ -106,12 +93,6 @@ class MeshShape(FieldShape):
         else:
             local = volume(self._local_field, self.local_box(), VOLUME_RESOLUTION[3])
         return self.placement.scale**3 * local
-
-    def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
-        """Sample points by area on the triangles, with the normals of the triangles."""
-        mesh = self.surface()
-        points, chosen = sample_mesh_surface(mesh, count, generator)
-        return SurfaceSamples(points, unit_normals(mesh.vertices[mesh.simplices[chosen]]))
 
     def config(self) -> dict[str, Any]:
         """Return sizes, placement, and origin; the triangles are the state."""
@@ -131,10 +112,6 @@ class MeshShape(FieldShape):
         for value in self.state_dict().values():
             digest.update(value.cpu().numpy().tobytes())
         return digest.hexdigest()
-
-    def provenance(self) -> dict[str, Any]:
-        """Return file, checksum, and the similarity from the coordinates of the file to the box."""
-        return {**self.origin, "similarity": self.similarity.to_config()}
 
     def _signed(self, p: Float[Tensor, "n d"], with_gradient: bool) -> tuple[Tensor, Tensor]:
         """Evaluate signed distances, shape (n,), and gradients, shape (n, d), or (0, d) without ``with_gradient``."""

@@ -13,21 +13,19 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from nsm.geometry.triangles import Triangles
-from nsm.shapes.base import FieldShape
-from nsm.shapes.sampling import sample_mesh_surface, unit_normals
+from nsm.shapes.sampling import unit_normals
 from nsm.shapes.similarity import Pose, Similarity
-from nsm.types import SimplexMesh, SurfaceSamples
+from nsm.shapes.simplices import SimplexShape
+from nsm.types import SimplexMesh
 
 #: Distance to a segment, relative to the size of the shape, below which the height above the segment is used, because
 #: its gradient is defined on the segment as well.
 _ON_SEGMENT = 1e-5
 #: Distance to a corner, relative to the segment, below which a closest point counts as the corner.
 _AT_CORNER = 1e-9
-#: Margin around the shape in its local box, relative to its size.
-_MARGIN = 0.05
 
 
-class OutlineShape(FieldShape):
+class OutlineShape(SimplexShape):
     """The exact signed distance to closed polygons, which may bound several components and holes.
 
     The distance is that to the closest point c of the segments; its sign is that of ⟨p − c, n⟩ with n the normal of the
@@ -46,7 +44,6 @@ class OutlineShape(FieldShape):
         Visualization and Computer Graphics 2005. https://doi.org/10.1109/TVCG.2005.49
     """
 
-    vertices: Tensor
     segments: Tensor
 
     def __init__(
@@ -81,28 +78,11 @@ class OutlineShape(FieldShape):
         """Return the polygons."""
         return SimplexMesh(self.vertices, self.segments)
 
-    def surface(self) -> SimplexMesh:
-        """Return the polygons in the coordinates of the box, in the default precision."""
-        vertices = self.placement.apply(self.vertices.double()).to(torch.get_default_dtype())
-        return SimplexMesh(vertices, self.segments)
-
-    def local_box(self) -> Float[Tensor, "2 d"]:
-        """Return the bounding box with a margin."""
-        low, high = self.vertices.amin(0), self.vertices.amax(0)
-        margin = _MARGIN * (high - low).max()
-        return torch.stack([low - margin, high + margin])
-
     def volume(self) -> float:
         """Compute the area by the shoelace formula, in which holes are negative."""
         start, end = self.vertices[self.segments].unbind(1)
         own = float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum()) / 2
         return self.placement.scale**2 * own
-
-    def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
-        """Sample points by length on the segments, with the normals of the segments."""
-        mesh = self.surface()
-        points, chosen = sample_mesh_surface(mesh, count, generator)
-        return SurfaceSamples(points, unit_normals(mesh.vertices[mesh.simplices[chosen]]))
 
     def config(self) -> dict[str, Any]:
         """Return sizes, placement, and origin; the corners are the state."""
@@ -120,10 +100,6 @@ class OutlineShape(FieldShape):
         digest = hashlib.sha256(json.dumps([self.loops, self.placement.to_config()]).encode())
         digest.update(self.vertices.cpu().numpy().tobytes())
         return digest.hexdigest()
-
-    def provenance(self) -> dict[str, Any]:
-        """Return file, checksum, and the similarity from the coordinates of the file to the box."""
-        return {**self.origin, "similarity": self.similarity.to_config()}
 
     def _closest(self, x: Float[Tensor, "n d"]) -> tuple[Tensor, Tensor]:
         """Find closest points, shape (n, 2), and unit pseudonormals at them, shape (n, 2), which determine the sign."""
