@@ -18,7 +18,7 @@ export NSM_DATA_DIR
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint docs bench
+.PHONY: help demo test attack lint docs bench
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -29,6 +29,9 @@ demo: $(STAMP) ## train the default morph, two cylinders to a torus, into output
 test: $(STAMP) $(GLTF) ## run all tests (WORKERS=2 side by side, PYTEST_ARGS for pytest)
 	$(RUN) pytest -q -n $(WORKERS) $(COVERAGE) $(PYTEST_ARGS)
 	@$(if $(COVERAGE),$(RUN) coverage report --format=total | sed 's/.*/coverage of nsm: & %/')
+
+attack: $(STAMP) ## attack every command and write the table of docs/reliability.md (long)
+	NSM_ATTACK=nightly $(RUN) pytest -q tests/attack $(PYTEST_ARGS)
 
 lint: $(STAMP) ## check style, types and the direction of imports
 	$(RUN) ruff check .

@@ -63,7 +63,8 @@ def test_style_is_checked_by_the_same_ruff_everywhere() -> None:
 
 def test_make_explains_each_of_its_targets() -> None:
     shown = subprocess.run(["make", "-s"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    assert re.findall(r"^  make (\w+)\s+\w", shown, re.MULTILINE) == ["help", "demo", "test", "lint", "docs", "bench"]
+    targets = ["help", "demo", "test", "attack", "lint", "docs", "bench"]
+    assert re.findall(r"^  make (\w+)\s+\w", shown, re.MULTILINE) == targets
 
 
 def test_ci_is_executable_and_runs_what_people_run() -> None:
