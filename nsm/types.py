@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import torch
@@ -112,14 +113,15 @@ class Morph(ABC):
         target: The same for the shape at t = 1.
         provenance: Where the two end shapes come from, as values that JSON can hold: under ``source`` and ``target``,
             what `nsm.shapes.Shape.provenance` returns, with the factor ``scale`` by which the shape was scaled to
-            make both volumes equal; empty where nothing is known.
+            make both volumes equal; empty where nothing is known. Under ``landmarks``, the corresponding points that
+            a morph was trained with, in the coordinates of both files (`nsm.shapes.LandmarkPairs`).
     """
 
     dim: int
     bounds: Float[Tensor, "2 d"]
     source: SignedDistance
     target: SignedDistance
-    provenance: Mapping[str, Any]
+    provenance: Mapping[str, Any] = MappingProxyType({})
 
     @abstractmethod
     def __call__(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:

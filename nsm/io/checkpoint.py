@@ -7,7 +7,7 @@ of plain values:
     version     Version of nsm that wrote the file.
     model       Nested ``_target_`` configs of the networks, including ω and the end shapes.
     config      The resolved configuration of the run.
-    provenance  Where the end shapes come from, with the factors that made their volumes equal.
+    provenance  Where the end shapes come from, with the factors that made their volumes equal, and their landmarks.
 
 Loading needs nothing but the file. It is read with ``torch.load(weights_only=True)``, so that no object in it can run
 code, and `nsm.io.build` accepts classes of this package only.

@@ -61,6 +61,7 @@ def main(arguments: list[str]) -> None:
         source_settings=_settings("source", given.source_setting),
         target_settings=_settings("target", given.target_setting),
         align=given.align,
+        landmarks=given.landmarks,
     )
     written = result.save(output, frames=given.frames, resolution=given.resolution)
     Console(soft_wrap=True, highlight=False, markup=False).print(f"wrote {written}")
@@ -89,6 +90,12 @@ def _parser() -> argparse.ArgumentParser:
         default="none",
         help="how the target is moved to the source: none, shared (coordinates of both files), rigid, or similarity "
         "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--landmarks",
+        metavar="FILE.csv",
+        help="corresponding points that the motion carries, with a point of the source and one of the target per row, "
+        "in the coordinates of both files",
     )
     parser.add_argument(
         "--frames", type=int, default=FRAMES, metavar="N", help="number of meshes or pictures (default: %(default)s)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -22,6 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
+from nsm.cli.files import whole_file
 from nsm.cli.settings import invalid, nearest
 from nsm.io.loading import known_ends
 from nsm.io.mesh import write_mesh
@@ -32,6 +33,8 @@ from nsm.types import SimplexMesh
 #: A shape as `morph` takes it: a mesh, its vertices (v, 3) and faces (m, 3), points (n, 3), points with normals (n, 6),
 #: a file of any kind (`nsm.io.shape_file.read_shape`), or a name of ``conf/shape``.
 ShapeLike = trimesh.Trimesh | trimesh.PointCloud | np.ndarray | str | os.PathLike[str] | tuple[Any, Any]
+#: Landmarks as `morph` takes them: a CSV file, points of the source and of the target, or a name of ``conf/landmarks``.
+LandmarksLike = str | os.PathLike[str] | Sequence[Any]
 
 
 def morph(
@@ -43,6 +46,7 @@ def morph(
     method: str = "adadiv",
     seed: int = 0,
     ends: str = "exact",
+    landmarks: LandmarksLike | None = None,
     output: str | os.PathLike[str] | None = None,
     source_settings: Mapping[str, Any] | None = None,
     target_settings: Mapping[str, Any] | None = None,
@@ -60,6 +64,9 @@ def morph(
         method: A file in ``conf/method``.
         seed: Seed of all random numbers.
         ends: ``exact`` or ``network``, as for `load_morph`.
+        landmarks: Corresponding points that V carries from the source to the target, in the coordinates of the shapes
+            as given: the path of a CSV file, a pair of arrays (k, d) on the source and on the target, or the name of a
+            file in ``conf/landmarks``.
         output: Folder of the run, which keeps its checkpoints and logs; None keeps the morph in memory only.
         source_settings: Settings of the source, such as ``{"label": 3}`` for a volume of labels or
             ``{"up": [0, 0, 1]}``, by their names in ``conf/shape``.
@@ -84,6 +91,7 @@ def morph(
     with tempfile.TemporaryDirectory(prefix="nsm-") as temporary:
         folder = Path(temporary if output is None else output).resolve()
         shapes = [*_shape("source", source, folder), *_shape("target", target, folder)]
+        shapes += [] if landmarks is None else _landmarks(landmarks, folder)
         settings = {"source": source_settings, "target": target_settings}
         choices = {"callbacks": "none", "budget": budget, "method": method, **options, "seed": seed}
         choices |= {side: given for side, given in settings.items() if given}
@@ -113,6 +121,25 @@ def _shape(side: str, shape: ShapeLike, folder: Path) -> list[str]:
     file = folder / f"{side}.ply"
     write_mesh(file, SimplexMesh(*arrays))
     return [f"shape@{side}=mesh", f"{side}.path={_literal(str(file))}"]
+
+
+def _landmarks(landmarks: LandmarksLike, folder: Path) -> list[str]:
+    """The overrides that choose landmarks; those in memory are first written to the folder of the run."""
+    if isinstance(landmarks, str) and landmarks in _variants("landmarks"):
+        return [f"landmarks={landmarks}"]
+    if isinstance(landmarks, str | os.PathLike):
+        path = Path(landmarks).expanduser()
+        return ["landmarks=table", f"landmarks.path={_literal(str(path.resolve() if path.exists() else landmarks))}"]
+    arrays = [np.asarray(points, dtype=np.float64) for points in landmarks]
+    if len(arrays) != 2 or arrays[0].ndim != 2 or arrays[0].shape != arrays[1].shape:
+        raise InputError(
+            "`landmarks` must be two arrays of the same shape (k, d), got "
+            f"{' and '.join(str(points.shape) for points in arrays)}. Try the path of a CSV file."
+        )
+    file = folder / "landmarks.csv"
+    with whole_file(file) as temporary:
+        np.savetxt(temporary, np.hstack(arrays), fmt="%.17g", delimiter=",")
+    return ["landmarks=table", f"landmarks.path={_literal(str(file))}"]
 
 
 def _train(folder: Path, shapes: list[str], options: Mapping[str, Any]) -> None:

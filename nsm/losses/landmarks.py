@@ -19,8 +19,8 @@ _CYCLES = 6180.34
 class LandmarkMatch(Term):
     """Distance between landmarks of the source, advected by V from t = 0 to t = 1, and those of the target.
 
-    Advection uses the classical Runge-Kutta method of order 4, and the loss differentiates through it. If there are
-    more than ``count`` landmarks, each step uses a subset.
+    The options of ``conf/landmarks`` add this term to a loss. Advection uses the classical Runge-Kutta method of order
+    4, and the loss differentiates through it. If there are more than ``count`` landmarks, each step uses a subset.
 
     Args:
         weight, power: See `Term`.

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property, partial
 
+from jaxtyping import Float
+from torch import Tensor
+
 from nsm.geometry.flow import FlowError
 from nsm.geometry.meshing import extract_surface, open_sides
 from nsm.metrics.advection import AdvectionCheck, check_advection
 from nsm.metrics.endpoint import EndpointErrors, endpoint_errors
 from nsm.metrics.events import TopologyEvent, topology_events
+from nsm.metrics.landmarks import landmark_errors
 from nsm.metrics.motion import Motion
 from nsm.metrics.protocol import Protocol
 from nsm.metrics.residuals import SpaceResiduals, space_residuals
@@ -121,6 +125,11 @@ class Measurements:
         self._progress("advection of the source")
         source = self._surface(0.0, self.protocol.volume_resolution // _ADVECTED_COARSER)
         return check_advection(self.morph, source, self.times, meshes)
+
+    @cached_property
+    def landmarks(self) -> Float[Tensor, " k"] | None:
+        """Distances of the advected landmarks from those of the target; None for a morph without landmarks."""
+        return landmark_errors(self.morph)
 
     @cached_property
     def flow(self) -> FlowError | None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,9 +19,16 @@ from nsm.cli.errors import InputError
 from nsm.shapes.base import FieldShape
 from nsm.shapes.download import resolve
 
+log = logging.getLogger(__name__)
+
+#: Distance of a landmark from the surface of its shape, in the box, above which its coordinates may be another file's.
+_FAR = 0.1
+#: Number of landmarks that a checkpoint keeps, spread over the list.
+_KEPT = 5000
+
 
 class LandmarkPairs(NamedTuple):
-    """Corresponding points in the coordinates of the box.
+    """Corresponding points, in the coordinates of the files of their shapes or in those of the box.
 
     Attributes:
         source: Points of the source, shape (k, d).
@@ -30,27 +38,49 @@ class LandmarkPairs(NamedTuple):
     source: Float[Tensor, "k d"]
     target: Float[Tensor, "k d"]
 
+    def place(self, source: FieldShape, target: FieldShape) -> LandmarkPairs:
+        """Map landmarks from the coordinates of the files to the box, with the similarities of the shapes."""
+        ends = zip((source, target), self, strict=True)
+        return LandmarkPairs(*(shape.similarity.apply(points.double()).float() for shape, points in ends))
+
+    def provenance(self) -> dict[str, list[list[float]]]:
+        """Plain values from which `read_provenance` makes landmarks, at most 5000 of them, evenly spread."""
+        stride = math.ceil(len(self.source) / _KEPT)
+        return {"source": self.source[::stride].tolist(), "target": self.target[::stride].tolist()}
+
+    @classmethod
+    def read_provenance(cls, values: Mapping[str, Sequence[Sequence[float]]]) -> LandmarkPairs:
+        """Read what `provenance` returns."""
+        return cls(*(torch.tensor(values[end], dtype=torch.float64) for end in ("source", "target")))
+
 
 class Landmarks(ABC):
     """Corresponding points in the coordinates of the files of both shapes."""
 
     @abstractmethod
     def read(self, dim: int) -> LandmarkPairs:
-        """Read the landmarks in the coordinates of the files."""
+        """Read the landmarks in the coordinates of the files.
 
-    def place(self, source: FieldShape, target: FieldShape) -> LandmarkPairs:
-        """Map the landmarks to the box with the similarities of the shapes.
+        Args:
+            dim: Dimension d of the shapes.
 
         Raises:
-            InputError: If there are none, or their dimension is not that of the shapes.
+            InputError: If a file cannot be read, there are no landmarks, or their dimension is not that of the shapes.
         """
-        landmarks = self.read(source.dim)
-        return LandmarkPairs(
-            *(
-                shape.similarity.apply(points.double()).float()
-                for shape, points in zip((source, target), landmarks, strict=True)
+
+
+def warn_of_distant(landmarks: LandmarkPairs, source: FieldShape, target: FieldShape) -> None:
+    """Warn of landmarks in the box that lie far from the surfaces of their shapes."""
+    for end, shape, points in zip(("source", "target"), (source, target), landmarks, strict=True):
+        distances = shape.true_distance(points).abs()
+        if distances.max() > _FAR:
+            log.warning(
+                "Landmark %d lies %.2g from the surface of the %s, in a box where the shapes are 0.9 large. Landmarks "
+                "must have the coordinates of the file of their shape.",
+                int(distances.argmax()) + 1,
+                float(distances.max()),
+                end,
             )
-        )
 
 
 class LandmarkTable(Landmarks):
@@ -64,11 +94,6 @@ class LandmarkTable(Landmarks):
         self.path = Path(path)
 
     def read(self, dim: int) -> LandmarkPairs:
-        """Read the landmarks from the file.
-
-        Raises:
-            InputError: If the file cannot be read, or its rows are not 2 d numbers.
-        """
         try:
             lines = [line.strip() for line in self.path.read_text().splitlines() if line.strip()]
         except (OSError, UnicodeDecodeError) as error:
@@ -109,11 +134,6 @@ class LandmarkVertices(Landmarks):
         self.vertices = (source_vertices, target_vertices)
 
     def read(self, dim: int) -> LandmarkPairs:
-        """Read the vertices from the meshes.
-
-        Raises:
-            InputError: If a mesh cannot be read or lacks a vertex, or the numbers of vertices differ.
-        """
         source, target = (_vertices(mesh, chosen) for mesh, chosen in zip(self.meshes, self.vertices, strict=True))
         if len(source) != len(target) or dim != source.shape[1]:
             raise InputError(

@@ -17,11 +17,13 @@ from lightning.pytorch.loggers import Logger, WandbLogger
 from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
+from nsm.cli.errors import InputError
 from nsm.cli.runtime import keep_freed_memory
 from nsm.cli.settings import choice, use_threads, whole_number
 from nsm.io.build import build
 from nsm.io.checkpoint import describe
 from nsm.sampling import Fractions, MorphSampler
+from nsm.shapes.landmarks import warn_of_distant
 from nsm.train.callbacks import Checkpoints, ExitOnSignal, MorphWriter, Progress, StopOnSignal
 from nsm.train.optimal_transport import transport_run
 from nsm.train.recovery import fit_with_recovery, require_same_run
@@ -115,6 +117,13 @@ def _finish(loggers: list[Logger]) -> None:
 def _require_valid(cfg: DictConfig, kinds: tuple[str, ...]) -> None:
     """Refuse settings with which a run would fail late or never end."""
     choice("task.kind", cfg.task.kind, kinds)
+    if cfg.landmarks and not (cfg.velocity and cfg.task.kind == "morph"):
+        chosen = HydraConfig.get().runtime.choices
+        raise InputError(
+            "`landmarks` must come with a morph whose velocity carries them, got "
+            f"{' and '.join(f'{name}={chosen[name]}' for name in ('task', 'velocity'))}. Try `method=adadiv`, or "
+            "`landmarks=none`."
+        )
     for name in ("steps", "validations", "sampler.size", "sampler.pool", "sdf.steps", "sdf.size", "sdf.pool"):
         whole_number(name, OmegaConf.select(cfg, name))
 
@@ -134,9 +143,14 @@ def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary
 
 def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
     source, target = instantiate(cfg.source), instantiate(cfg.target)
+    landmarks = instantiate(cfg.landmarks).read(source.dim) if cfg.landmarks else None
     fit = _fit(cfg, config)
     ends = prepare_ends(source, target, fit, equal=cfg.equal_volume, align=instantiate(cfg.align))
-    dim = ends.source.dim
+    dim, provenance, placed = ends.source.dim, ends.provenance, None
+    if landmarks is not None:
+        placed = landmarks.place(ends.source, ends.target)
+        warn_of_distant(placed, ends.source, ends.target)
+        provenance = provenance | {"landmarks": landmarks.provenance()}
     model = {
         "_target_": "nsm.morphs.neural.NeuralMorph",
         "field": {**config["field"], "in_features": dim + 1},
@@ -172,9 +186,9 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
         instantiate(cfg.scheduler),
         cfg.task.volume_resolution,
         cfg.task.volume_times,
-        instantiate(cfg.landmarks).place(ends.source, ends.target) if cfg.landmarks else None,
+        placed,
     )
-    task.description = describe(model, config, ends.provenance)
+    task.description = describe(model, config, provenance)
     return task, data, cfg.steps
 
 

@@ -124,6 +124,26 @@ def test_a_value_that_makes_no_sense(
     assert not files(folder)
 
 
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("method=lipmlp", "got task=morph and velocity=none"),
+        ("method=ot", "got task=ot and velocity=none"),
+        ("task=sdf", "got task=sdf and velocity=adadiv"),
+    ],
+)
+def test_landmarks_that_nothing_carries(
+    override: str, words: str, capsys: pytest.CaptureFixture[str], folder: Path
+) -> None:
+    sentence = refused(capsys, folder, override, "landmarks=table", "landmarks.path=a.csv")
+    assert f"`landmarks` must come with a morph whose velocity carries them, {words}." in sentence
+
+
+def test_landmarks_that_are_not_there(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    sentence = refused(capsys, folder, *BARE, "landmarks=table", "landmarks.path=none.csv")
+    assert "`landmarks.path` must be a readable CSV file, got none.csv" in sentence
+
+
 def test_a_fit_that_collapses(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     assert train_here(*BARE, "sdf.loss.terms.eikonal.weight=inf", f"hydra.run.dir={folder}") == 2
     said = capsys.readouterr().err

@@ -141,7 +141,7 @@ def test_attributes(name: str) -> None:
 def test_provenance_is_plain(name: str) -> None:
     provenance = dict(made(name).provenance)
     assert json.loads(json.dumps(provenance)) == provenance
-    assert set(provenance) <= {"source", "target"}
+    assert set(provenance) <= {"source", "target", "landmarks"}
 
 
 @every_morph

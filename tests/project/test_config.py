@@ -24,6 +24,8 @@ from nsm.sampling import Fractions
 PUBLISHED = {"bust_max", "feline_horse", "kitten_fandisk", "spot_bob"}
 #: So few points, so coarse, that optimal transport takes a second.
 FEW = ("points=2000", "anchors=200", "blur=0.1", "kernel=0.08", "resolution=32")
+#: Two meshes, whose vertices can be landmarks.
+MESHES = ("shape@source=mesh", "source.path=a.obj", "shape@target=mesh", "target.path=b.obj")
 
 
 def variants(group: str) -> list[str]:
@@ -86,7 +88,8 @@ def test_every_method_trains_a_few_steps_in_the_plane_and_in_space(name: str, tm
     landmarks = tmp_path / "landmarks.csv"
     for dim, experiment in ((2, ["+experiment=disk_translation"]), (3, [])):
         landmarks.write_text("\n".join(",".join(["0.1"] * (2 * dim)) for _ in range(3)))
-        known = ["landmarks=table", f"landmarks.path={landmarks}"] if name == "insd" else []
+        carries = name == "insd" or (dim == 2 and name not in {"lipmlp", "ot"})
+        known = ["landmarks=table", f"landmarks.path={landmarks}"] if carries else []
         bare, small = [o for o in TINY if not o.startswith("callbacks.")], ["steps=3", "optimizer.lr=1e-5"]
         if name == "lipmlp":  # it starts from weights of its own, and must first learn to have a surface
             bare, small = [o for o in bare if not o.startswith("init=")], ["steps=1000", "optimizer.lr=3e-3"]
@@ -100,6 +103,18 @@ def test_every_method_trains_a_few_steps_in_the_plane_and_in_space(name: str, tm
         assert (velocity is None) == (name in {"lipmlp", "ot"})
         assert velocity is None or velocity.shape == (5, dim)
         assert morph.gradient(x, 0.5).shape == (5, dim)
+        assert ("landmarks" in morph.provenance) == carries
+
+
+@pytest.mark.parametrize("name", variants("loss"))
+def test_landmarks_add_a_term_to_a_loss_that_has_none(name: str) -> None:
+    without = composed(f"loss={name}").loss.terms
+    terms = composed(f"loss={name}", "landmarks=table", "landmarks.path=a.csv").loss.terms
+    assert set(terms) == {*without, "landmarks"}
+    assert terms.landmarks == (
+        without.landmarks if name == "insd" else composed("landmarks=vertices", *MESHES).loss.terms.landmarks
+    )
+    assert all(terms[other] == without[other] for other in without)
 
 
 @pytest.mark.parametrize("name", [name for name in variants("velocity") if name != "none"])

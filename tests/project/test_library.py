@@ -107,6 +107,16 @@ def test_the_output_folder_keeps_the_run(ball: trimesh.Trimesh, tmp_path: Path) 
     assert {"checkpoints", "source.ply", "summary.json"} <= {path.name for path in tmp_path.iterdir()}
 
 
+def test_landmarks_come_from_arrays_or_a_file(ball: trimesh.Trimesh, tmp_path: Path) -> None:
+    pairs = ball.vertices[:3], ball.vertices[3:6]
+    np.savetxt(tmp_path / "pairs.csv", np.hstack(pairs), delimiter=",", header="x,y,z,u,v,w", comments="")
+    for given in (pairs, tmp_path / "pairs.csv"):
+        made = nsm.morph(ball, ball, landmarks=given, steps=1, ends="network", **TINY)
+        np.testing.assert_array_equal(made.provenance["landmarks"]["target"], pairs[1])
+    with pytest.raises(nsm.InputError, match=r"^`landmarks` must be two arrays .*got \(3, 3\) and \(2, 3\)\. Try"):
+        nsm.morph(ball, ball, landmarks=(pairs[0], pairs[1][:2]))
+
+
 def test_meshes_volumes_and_frames_agree(loaded: nsm.TrainedMorph) -> None:
     meshes = list(loaded.frames(3, resolution=32))
     assert len(meshes) == 3

@@ -40,11 +40,14 @@ def run(monkeypatch: pytest.MonkeyPatch, *typed: str) -> int:
 def test_one_line_writes_an_animation_and_keeps_the_run(
     meshes: tuple[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    Path("pairs.csv").write_text("1,0,0,1,0,0\n")
     typed = (*meshes, "-o", "out/morph.glb", "--frames", "3", "--resolution", "16", "--keep", "run", "--align", "rigid")
+    typed += ("--landmarks", "pairs.csv")
     assert run(monkeypatch, *typed) == 0
     assert "wrote out/morph.glb" in capsys.readouterr().out
     assert trimesh.load("out/morph.glb").geometry
     assert load_morph("run").provenance["target"]["alignment"]["kind"] == "rigid"
+    assert load_morph("run").provenance["landmarks"]["source"] == [[1, 0, 0]]
     # what was kept is a shape of its own for the next command: a morph is refused by name
     assert run(monkeypatch, "run", meshes[1]) == 2
     assert "must be the checkpoint of a run with `task=sdf`, got a NeuralMorph" in capsys.readouterr().err

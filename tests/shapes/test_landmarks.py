@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +13,8 @@ import torch
 import trimesh
 
 from nsm.cli.errors import InputError
-from nsm.shapes import Ball, LandmarkTable, LandmarkVertices, Similarity
+from nsm.shapes import Ball, LandmarkPairs, LandmarkTable, LandmarkVertices, Similarity
+from nsm.shapes.landmarks import warn_of_distant
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,12 +31,36 @@ def test_landmarks_go_where_their_shapes_go(tmp_path: Path) -> None:
     (tmp_path / "pairs.csv").write_text("1,0,1,0\n")
     source = Ball(0.5, [0.0, 0.0], pose={"scale": 0.5})
     target = Ball(0.5, [0.0, 0.0], pose={"rotation": 90, "translation": [0.25, 0]})
-    placed = LandmarkTable(str(tmp_path / "pairs.csv")).place(source, target)
+    pairs = LandmarkTable(str(tmp_path / "pairs.csv")).read(2)
+    placed = pairs.place(source, target)
     torch.testing.assert_close(placed.source, torch.tensor([[0.5, 0.0]]))
     torch.testing.assert_close(placed.target, torch.tensor([[0.25, 1.0]]))
     scaled = target.transformed(Similarity.scaling(0.5, 2))
-    moved = LandmarkTable(str(tmp_path / "pairs.csv")).place(source, scaled)
+    moved = pairs.place(source, scaled)
     torch.testing.assert_close(moved.target, torch.tensor([[0.125, 0.5]]))
+
+
+def test_landmarks_far_from_their_shapes_are_named(caplog: pytest.LogCaptureFixture) -> None:
+    ball = Ball(0.5, [0.0, 0.0])
+    near, far = torch.tensor([[0.5, 0.0], [0.0, 0.45]]), torch.tensor([[0.5, 0.0], [0.0, 5.5]])
+    with caplog.at_level(logging.WARNING):
+        warn_of_distant(LandmarkPairs(near, near), ball, ball)
+        assert not caplog.messages
+        warn_of_distant(LandmarkPairs(near, far), ball, ball)
+    assert [message.partition(",")[0] for message in caplog.messages] == [
+        "Landmark 2 lies 5 from the surface of the target"
+    ]
+
+
+@pytest.mark.parametrize(("count", "kept"), [(3, 3), (5001, 2501)])
+def test_what_a_checkpoint_keeps_of_landmarks_reads_back_as_them(count: int, kept: int) -> None:
+    pairs = LandmarkPairs(*torch.rand(2, count, 3, dtype=torch.float64))
+    values = json.loads(json.dumps(pairs.provenance()))
+    again = LandmarkPairs.read_provenance(values)
+    stride = -(-count // kept)
+    assert len(again.source) == kept
+    torch.testing.assert_close(again.source, pairs.source[::stride], rtol=0, atol=0)
+    torch.testing.assert_close(again.target, pairs.target[::stride], rtol=0, atol=0)
 
 
 @pytest.mark.parametrize(
