@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,9 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from nsm.cli import entry
 from nsm.cli.progress import Progress
 from nsm.cli.settings import whole_number
-from nsm.compare.plan import Job, Study, jobs, read_study
+from nsm.compare.plan import Job, Study, jobs, read_study, trials
 from nsm.compare.progress import study_progress
+from nsm.compare.rates import best_rates, finished
 from nsm.compare.record import DONE, FAILED, prepare
 from nsm.compare.report import write_report
 from nsm.compare.results import Result, result_of_official, result_of_run
@@ -35,28 +36,38 @@ def main(cfg: DictConfig) -> None:
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     study = read_study(config)
     whole_number("picture_size", config["picture_size"], 16)
-    runs = jobs(study)
-    trained = [_trained(job) for job in runs]  # all of them, so that an invalid one stops the study before it begins
-    records = [
-        prepare(job, study.budget, steps, study.threads, config["retry"])
-        for job, steps in zip(runs, trained, strict=True)
-    ]
-    waiting = [job for job, record in zip(runs, records, strict=True) if record.state not in (DONE, FAILED)]
-    log.info("%d runs, %s each, in %s; %d are left to do", len(runs), study.budget, study.folder, len(waiting))
+    # all of them, so that an invalid one stops the study before it begins
+    trained = {(job.pair, job.method): _trained(job) for job in jobs(study) if job.seed == study.seeds[0]}
+    tries = trials(study, [choice for choice, steps in trained.items() if steps])
     try:
-        if waiting:
-            _launch(study, waiting)
+        _run_all(study, tries, trained, config["retry"])
+        rates = best_rates(tries)
+        runs = jobs(study, rates)
+        if finished(tries):
+            _run_all(study, runs, trained, config["retry"])
+        else:
+            log.warning("some learning rates are not tried yet; repeat the command to resume")
         results = _results(study, runs)
     except KeyboardInterrupt:
         log.warning("stopped; repeat the command to resume")
         raise
     strip = {"times": config["strip_times"], "size": config["picture_size"]}
     with Progress("writing") as progress:
-        files = write_report(study, config, results, strip, lambda part: progress.update(detail=part))
+        files = write_report(study, config, results, tries, strip, lambda part: progress.update(detail=part))
     for result in results:
         if result.reason is not None:
             log.warning("%s/%s: %s", result.pair, result.method, result.reason)
     log.info("wrote %s, and %d more files beside it", files[0], len(files) - 1)
+
+
+def _run_all(study: Study, runs: Sequence[Job], trained: Mapping[tuple[str, str], bool], retry: bool) -> None:
+    """Carry out the runs that are neither done nor failed."""
+    records = [prepare(job, study.budget, trained[job.pair, job.method], study.threads, retry) for job in runs]
+    waiting = [job for job, record in zip(runs, records, strict=True) if record.state not in (DONE, FAILED)]
+    if runs:
+        log.info("%d runs, %s each, in %s; %d are left to do", len(runs), study.budget, study.folder, len(waiting))
+    if waiting:
+        _launch(study, waiting)
 
 
 def _trained(job: Job) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from nsm.compare.plan import OFFICIAL
+from nsm.compare.choices import OFFICIAL
 from nsm.compare.results import Result
 from nsm.compare.tabulate import cell, of_row
 from nsm.metrics import find_metric

@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
-from nsm.cli.settings import invalid, nearest, positive, whole_number
+from nsm.cli.settings import choice, invalid, positive, whole_number
+from nsm.compare.choices import Choice, read_choices
+from nsm.compare.printed import Printed, read_printed
 from nsm.io.loading import known_ends
 from nsm.io.official import PAIRS
 from nsm.metrics import Protocol
 
-#: Valid name of a pair or method; folders and files are named after it.
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
-#: Name of the row of the authors' morphs.
-OFFICIAL = "official"
-
-
-class Choice(NamedTuple):
-    """A pair or a method of a study.
-
-    Attributes:
-        name: Name of its column or row, and of its folder.
-        file: Name of its file in ``conf/experiment`` or ``conf/method``.
-        overrides: Further overrides of ``python -m nsm.train``.
-    """
-
-    name: str
-    file: str
-    overrides: tuple[str, ...]
+#: Learning rates by the names of a pair and a method.
+Rates = Mapping[tuple[str, str], float]
 
 
 class Budget(NamedTuple):
@@ -51,6 +35,18 @@ class Budget(NamedTuple):
         return f"{self.steps} steps" if self.steps else "the recipe's own number of steps"
 
 
+class Slices(NamedTuple):
+    """Slices of the residuals through changes of topology.
+
+    Attributes:
+        changes: Number of changes per morph that are drawn and listed, the first ones; 0 for none.
+        axis: Axis perpendicular to the slices in 3D.
+    """
+
+    changes: int
+    axis: str
+
+
 class Study(NamedTuple):
     """A study as its configuration describes it.
 
@@ -59,12 +55,15 @@ class Study(NamedTuple):
         pairs: Pairs of shapes.
         methods: Methods, each of which is run on every pair.
         seeds: Seeds, from each of which every method is run on every pair.
+        learning_rates: Learning rates, of which each method gets its own best on each pair; empty for the recipe's.
         overrides: Overrides of every run.
         budget: Budget of every run.
         threads: Threads of one run and of the evaluation; None takes all cores.
         official: Whether the authors' morphs are a row too, where they published one.
         ends: Ends of the evaluated morphs, ``exact`` or ``network``.
         protocol: Protocol of the evaluation.
+        slices: Slices through changes of topology.
+        printed: Figures that the paper prints.
         folder: Folder of the study.
     """
 
@@ -72,12 +71,15 @@ class Study(NamedTuple):
     pairs: tuple[Choice, ...]
     methods: tuple[Choice, ...]
     seeds: tuple[int, ...]
+    learning_rates: tuple[float, ...]
     overrides: tuple[str, ...]
     budget: Budget
     threads: int | None
     official: bool
     ends: str
     protocol: Protocol
+    slices: Slices
+    printed: Printed
     folder: Path
 
 
@@ -90,6 +92,8 @@ class Job(NamedTuple):
         seed: Seed.
         overrides: All overrides of ``python -m nsm.train``.
         folder: Folder of the run.
+        rate: Learning rate; None for that of the recipe.
+        growth: Name of the change of volume with which the morph is evaluated.
     """
 
     pair: str
@@ -97,11 +101,15 @@ class Job(NamedTuple):
     seed: int
     overrides: tuple[str, ...]
     folder: Path
+    rate: float | None = None
+    growth: str = "none"
 
     @property
     def name(self) -> str:
-        """Short name, as progress and logs show it."""
-        return f"{self.pair}/{self.method}" + (f"/{self.folder.name}" if self.folder.name != self.method else "")
+        """Short name, as progress and logs show it: pair, method, learning rate, and seed, as far as they vary."""
+        rate = () if self.rate is None else (f"lr_{self.rate:g}",)
+        seed = (self.folder.name,) if self.folder.name == f"seed_{self.seed}" else ()
+        return "/".join((self.pair, self.method, *rate, *seed))
 
 
 def read_study(config: Mapping[str, Any]) -> Study:
@@ -116,15 +124,18 @@ def read_study(config: Mapping[str, Any]) -> Study:
     protocol = {name: whole_number(name, config[name], least) for name, least in _LEAST.items()}
     return Study(
         str(config["name"]),
-        _choices("pairs", "experiment", config["pairs"]),
-        _choices("methods", "method", config["methods"]),
+        read_choices("pairs", "experiment", config["pairs"]),
+        read_choices("methods", "method", config["methods"], ["growth"]),
         seeds,
+        _learning_rates(config["learning_rates"]),
         tuple(config["overrides"]),
         _budget(config["minutes"], config["steps"]),
         None if config["threads"] is None else whole_number("threads", config["threads"]),
         bool(config["official"]),
         known_ends(config["ends"]),
         Protocol(**protocol),
+        Slices(whole_number("slices.changes", config["slices"]["changes"], 0), _axis(config["slices"]["axis"])),
+        read_printed(config["paper"]),
         Path(config["output"]),
     )
 
@@ -133,9 +144,36 @@ def read_study(config: Mapping[str, Any]) -> Study:
 _LEAST = {"volume_resolution": 8, "surface_resolution": 8, "times": 2}
 
 
-def jobs(study: Study) -> list[Job]:
-    """List all runs, seed by seed and pair by pair, so that a study that is stopped has complete rows of pictures."""
-    return [_job(study, pair, method, seed) for seed in study.seeds for pair in study.pairs for method in study.methods]
+def jobs(study: Study, rates: Rates | None = None) -> list[Job]:
+    """List all runs, seed by seed and pair by pair, so that a study that is stopped has complete rows of pictures.
+
+    Args:
+        study: The study.
+        rates: Learning rates that were chosen; a method without one has that of the recipe.
+    """
+    chosen = rates or {}
+    return [
+        _job(study, pair, method, seed, chosen.get((pair.name, method.name)))
+        for seed in study.seeds
+        for pair in study.pairs
+        for method in study.methods
+    ]
+
+
+def trials(study: Study, trained: Collection[tuple[str, str]]) -> list[Job]:
+    """List the runs that try each learning rate with the first seed.
+
+    Args:
+        study: The study.
+        trained: Names of the pairs and methods that are trained in steps; others have no learning rate.
+    """
+    return [
+        _job(study, pair, method, study.seeds[0], rate)
+        for pair in study.pairs
+        for method in study.methods
+        for rate in study.learning_rates
+        if (pair.name, method.name) in trained
+    ]
 
 
 def official_pair(pair: Choice) -> str | None:
@@ -143,52 +181,34 @@ def official_pair(pair: Choice) -> str | None:
     return pair.file if pair.file in PAIRS else None
 
 
-def _job(study: Study, pair: Choice, method: Choice, seed: int) -> Job:
+def _job(study: Study, pair: Choice, method: Choice, seed: int, rate: float | None) -> Job:
     folder = study.folder / "runs" / pair.name / method.name
+    if rate is not None:
+        folder /= f"lr_{rate:g}"
     overrides = (
         f"+experiment={pair.file}",
         f"method={method.file}",
         *study.overrides,
         *pair.overrides,
         *method.overrides,
+        *(() if rate is None else (f"optimizer.lr={rate:g}",)),
         f"seed={seed}",
     )
-    return Job(pair.name, method.name, seed, overrides, folder / f"seed_{seed}" if len(study.seeds) > 1 else folder)
+    where = folder / f"seed_{seed}" if len(study.seeds) > 1 else folder
+    return Job(pair.name, method.name, seed, overrides, where, rate, method.growth)
 
 
-def _choices(key: str, group: str, entries: Sequence[Any]) -> tuple[Choice, ...]:
-    found = tuple(_choice(key, group, entry) for entry in entries or ())
-    names = [choice.name for choice in found]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        first = twice[0]
-        other = f"[{first},{{name: {first}_2, {group}: {first}}}]"
-        raise invalid(key, "a list of entries with different names", f"{', '.join(twice)} twice", other)
-    if not found:
-        studies = " or ".join(f"`+study={study}`" for study in _known("study"))
-        raise InputError(f"`{key}` must be a list of some of {', '.join(_known(group))}, got []. Try {studies}.")
-    return found
+def _axis(given: Any) -> str:
+    return choice("slices.axis", given, "xyz")
 
 
-def _choice(key: str, group: str, entry: Any) -> Choice:
-    """Read an entry; a name alone stands for the file of that name."""
-    given = {"name": entry} if isinstance(entry, str) else dict(entry)
-    name = str(given.get("name") or given.get(group, ""))
-    file = str(given.get(group, name))
-    known = _known(group)
-    example = nearest(file, known) or known[0]
-    if unknown := set(given) - {"name", group, "overrides"}:
-        keys = f"a list of entries with the keys name, {group}, and overrides only"
-        raise invalid(key, keys, ", ".join(sorted(unknown)), f"[{{name: own, {group}: {example}}}]")
-    if file not in known:
-        raise invalid(key, f"a list of some of {', '.join(known)}", file, f"[{example}]")
-    if not _NAME.fullmatch(name) or name == OFFICIAL:
-        names = f"a list of entries whose names have letters, digits, and _ only and differ from {OFFICIAL}"
-        raise invalid(key, names, name, f"[{{name: own, {group}: {example}}}]")
-    return Choice(name, file, tuple(given.get("overrides") or ()))
-
-
-def _known(group: str) -> list[str]:
-    return sorted(file.stem for file in (CONF / group).glob("*.yaml"))
+def _learning_rates(given: Any) -> tuple[float, ...]:
+    example = "[5e-4,1e-3,2e-3]"
+    if given is None:
+        return ()
+    if not isinstance(given, list) or not given or len(set(given)) < len(given):
+        raise invalid("learning_rates", "null or a list of different learning rates", given, example)
+    return tuple(positive("learning_rates", rate, 1e-3) for rate in given)
 
 
 def _budget(minutes: Any, steps: Any) -> Budget:

@@ -15,17 +15,31 @@ import torch
 
 import nsm
 from nsm.cli.files import whole_file
-from nsm.compare.bars import plot_bars
+from nsm.compare.choices import OFFICIAL
+from nsm.compare.course import course_table
 from nsm.compare.goals import goals_table
-from nsm.compare.plan import OFFICIAL, Study
+from nsm.compare.paper import paper_lines, paper_table
+from nsm.compare.pictures import draw_pair, draw_times, first_results
+from nsm.compare.plan import Job, Study
+from nsm.compare.rates import rates_table
 from nsm.compare.results import Result, described
 from nsm.compare.tabulate import figure_names, figure_table, overview, terms_table, times_table
-from nsm.plots.curves import plot_volume_curves
-from nsm.plots.strip import try_strip
+from nsm.compare.topology import RADIUS, changes_table
 from nsm.plots.tables import Table, markdown, write_table
 
 #: Figures whose tables the page shows first, those of table 9 of the paper.
 _FIRST = ("volume std", "volume max")
+#: Sentences above the tables of a pair, by the end of the name of their files.
+_HEADS = {
+    "": "",
+    "_times": "Times:\n\n",
+    "_terms": "Weighted terms of the loss at the end of training:\n\n",
+    "_rates": "Validation error of the first seed by learning rate, the best of which all seeds have:\n\n",
+    "_course": "Validation error and volume after parts of the steps:\n\n",
+    "_changes": f"Changes of topology, and the mean residuals within {RADIUS:g} of each and in the box:\n\n",
+}
+#: Share of the volume outside the box of a morph above which the page says so.
+_OUTSIDE = 1e-3
 #: Explanation of values over several seeds.
 _SEEDS = "mean ± standard deviation (least–greatest); differences within that spread are not significant"
 #: Libraries on whose versions results may depend.
@@ -36,6 +50,7 @@ def write_report(
     study: Study,
     settings: dict[str, Any],
     results: Sequence[Result],
+    tries: Sequence[Job],
     strip: dict[str, Any],
     progress: Callable[[str], object],
 ) -> list[Path]:
@@ -45,6 +60,7 @@ def write_report(
         study: The study.
         settings: Its whole configuration, as values that JSON can hold.
         results: Results of all runs and official morphs.
+        tries: Runs that tried learning rates.
         strip: Keyword arguments ``times`` and ``size`` of the strips.
         progress: Called with the name of each part as it begins.
 
@@ -71,16 +87,23 @@ def write_report(
             "": overview(pair, results, methods),
             "_times": times_table(pair, results, methods),
             "_terms": terms_table(pair, results, methods),
+            "_rates": rates_table(pair, tries, methods),
+            "_course": course_table(pair, results, methods),
+            "_changes": changes_table(pair, first_results(shown, pair, methods), study.slices, Result.morph),
         }
         tables = {name: table for name, table in tables.items() if table.cells}
         for name, table in tables.items():
             files += write_table(folder / "pairs" / f"{pair}{name}", table)
-        pictures = _pictures(folder, pair, shown, methods, strip, progress)
+        pictures = draw_pair(study, pair, shown, methods, strip, progress)
         files += pictures
         sections.append(_section(pair, tables, [file.name for file in pictures]))
-    files += _times(folder, shown)
+    files += draw_times(folder, shown)
+    beside = paper_table(results, study.printed)
+    if beside.cells:
+        files += write_table(folder / "tables" / "paper", beside)
     page = folder / "README.md"
-    text = _page(study, facts, results, goals, by_figure, sections, (folder / "times.png") in files)
+    paper = ["## Beside the paper", "", markdown(beside), *paper_lines(results, study.printed)] if beside.cells else []
+    text = _page(study, facts, results, goals, by_figure, paper, sections, (folder / "times.png") in files)
     with whole_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return [page, folder / "study.json", *files]
@@ -103,58 +126,13 @@ def _facts(study: Study) -> dict[str, Any]:
     }
 
 
-def _pictures(
-    folder: Path,
-    pair: str,
-    shown: Sequence[Result],
-    methods: Sequence[str],
-    strip: dict[str, Any],
-    progress: Callable[[str], object],
-) -> list[Path]:
-    """Draw volume curves (figure 10 of the paper) and a strip with a row per method (figures 7 and 8).
-
-    Both are of the first seed that each method has.
-    """
-    first = {r.method: r for r in reversed(shown) if r.pair == pair}
-    first = {method: first[method] for method in methods if method in first}
-    if not first:
-        return []
-    progress(f"volume curves of {pair}")
-    curves, picture = folder / f"volume_{pair}.png", folder / f"strip_{pair}.png"
-    plot_volume_curves(curves, {name: (torch.tensor(r.times), torch.tensor(r.volumes)) for name, r in first.items()})
-    progress(f"strip of {pair}")
-    morphs = {name: r.morph() for name, r in first.items()}
-    return [curves, picture] if try_strip(picture, morphs, strip["times"], size=strip["size"]) else [curves]
-
-
-def _times(folder: Path, shown: Sequence[Result]) -> list[Path]:
-    """Draw the times of training and of a step as bars."""
-    minutes: dict[str, dict[str, float]] = {}
-    steps: dict[str, dict[str, float]] = {}
-    for result in reversed(shown):
-        if result.training_s is not None:
-            minutes.setdefault(result.method, {})[result.pair] = result.training_s / 60
-        if result.step_s is not None:
-            steps.setdefault(result.method, {})[result.pair] = 1000 * result.step_s
-    order = dict.fromkeys(r.method for r in shown)
-    pairs = dict.fromkeys(r.pair for r in shown)
-    panels = {
-        label: {m: {p: values[m][p] for p in pairs if p in values[m]} for m in order if m in values}
-        for label, values in (("training in minutes", minutes), ("one step in ms", steps))
-        if values
-    }
-    if not panels:
-        return []
-    plot_bars(folder / "times.png", panels)
-    return [folder / "times.png"]
-
-
 def _page(
     study: Study,
     facts: dict[str, Any],
     results: Sequence[Result],
     goals: Table,
     tables: dict[str, Table],
+    paper: Sequence[str],
     sections: Sequence[str],
     timed: bool,
 ) -> str:
@@ -166,6 +144,7 @@ def _page(
         f"nsm {facts['versions']['nsm']}, torch {facts['versions']['torch']}. Volumes on "
         f"{study.protocol.volume_resolution} cells along the box at {study.protocol.times} times, ends on "
         f"{study.protocol.surface_resolution}; the checkpoint of each run is best.ckpt"
+        + _of_rates(study)
         + (f"; seeds {', '.join(map(str, study.seeds))}: {_SEEDS}" if len(study.seeds) > 1 else "")
         + ". The best value of each column is in bold. `study.json` holds all results and settings.",
         "",
@@ -177,22 +156,32 @@ def _page(
             for r in missing
         ]
         head.append("")
+    if cut := [r for r in results if (r.figures.get("volume beyond") or 0.0) > _OUTSIDE]:
+        named = ", ".join(f"{r.pair}/{r.method} ({r.figures['volume beyond']:.1%})" for r in cut)
+        head += [f"These leave the box in which volumes are measured, and lose the given share there: {named}.", ""]
     if len(study.pairs) > 1 and goals.cells:
         head += ["## All pairs", "", f"{goals.title}.", "", markdown(goals)]
     for name in _FIRST:
         if name in tables:
             head += [f"## {name}", "", f"{tables[name].title}.", "", markdown(tables[name])]
+    head += paper
     tail = ["## Times", "", "![Training times and step times](times.png)", ""] if timed else []
     names = [f"[{name}](tables/{_slug(name)}.md)" for name in tables]
     tail += ["## All figures", "", "Each as .md, .csv, and .tex: " + ", ".join(names) + ".", ""] if names else []
     return "\n".join([*head, *sections, *tail])
 
 
+def _of_rates(study: Study) -> str:
+    if not study.learning_rates:
+        return ""
+    rates = ", ".join(f"{rate:g}" for rate in study.learning_rates)
+    return f"; each method with its own best of the learning rates {rates}"
+
+
 def _section(pair: str, tables: dict[str, Table], pictures: Sequence[str]) -> str:
     lines = [f"## {pair}", ""]
     lines += [f"![{name}]({name})\n" for name in pictures]
-    heads = {"": "", "_times": "Times:\n\n", "_terms": "Weighted terms of the loss at the end of training:\n\n"}
-    lines += [heads[name] + markdown(table) for name, table in tables.items()]
+    lines += [_HEADS[name] + markdown(table) for name, table in tables.items()]
     return "\n".join(lines)
 
 

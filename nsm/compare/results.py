@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import math
@@ -12,17 +11,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from omegaconf import OmegaConf
+
 import nsm
+from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
-from nsm.compare.plan import OFFICIAL, Choice, Job, Study, official_pair
+from nsm.compare.choices import OFFICIAL, Choice
+from nsm.compare.logs import last_terms, read_course
+from nsm.compare.plan import Job, Study, official_pair
 from nsm.compare.record import DONE, FAILED, read_record
 from nsm.io.loading import PUBLISHED, LoadedMorph, load_published, load_run
 from nsm.metrics import Protocol, all_metrics, evaluate_morph
 from nsm.types import Morph
 
-#: Rows at the end of a log that are averaged, since a single batch is noisy.
-_LAST_ROWS = 5
 #: Called with the name of each stage as it begins.
 OnStage = Callable[[str], object]
 
@@ -48,6 +50,10 @@ class Result:
         ends: Ends of the morph, ``exact`` or ``network``.
         network_figures: Figures of the network alone where ``figures`` are those of the morph with exact ends; empty
             where ``figures`` are of the network already.
+        rate: Learning rate that was chosen among several; None for that of the recipe.
+        growth: Name of the change of volume of the morph, ``none`` for a constant one.
+        events: Changes of topology, in order of time (`nsm.metrics.events.TopologyEvent` as a dict).
+        course: Validations during training: steps before each, and figures by their name in the log.
     """
 
     pair: str
@@ -65,6 +71,10 @@ class Result:
     checkpoint: str | None = None
     ends: str = "network"
     network_figures: dict[str, float | None] = field(default_factory=dict)
+    rate: float | None = None
+    growth: str = "none"
+    events: list[dict[str, Any]] = field(default_factory=list)
+    course: list[dict[str, float]] = field(default_factory=list)
 
     def morph(self) -> Morph:
         """Load the morph."""
@@ -73,12 +83,12 @@ class Result:
         official = self.checkpoint.removeprefix(PUBLISHED)
         if official != self.checkpoint:
             return load_published(official).morph
-        return load_run(f"{self.pair}/{self.method}", Path(self.checkpoint), self.ends).morph
+        return load_run(f"{self.pair}/{self.method}", Path(self.checkpoint), self.ends, _growth(self.growth)).morph
 
 
 def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
     """Evaluate a run, unless its checkpoint has been evaluated under this protocol before."""
-    bare = Result(job.pair, job.method, job.seed, ends=study.ends)
+    bare = Result(job.pair, job.method, job.seed, ends=study.ends, rate=job.rate, growth=job.growth)
     record = read_record(job.folder)
     if record is None or record.state != DONE:
         state = record.state if record else "not started"
@@ -87,10 +97,11 @@ def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
         return replace(bare, reason=record.reason + retry if record and record.reason else unfinished)
     file = job.folder / "checkpoints" / "best.ckpt"
     timed = _timed(bare, job.folder)
-    bare = replace(timed, steps=record.steps, terms=_last_terms(job.folder), checkpoint=str(file))
+    bare = replace(timed, steps=record.steps, checkpoint=str(file))
+    bare = replace(bare, terms=last_terms(job.folder), course=read_course(job.folder))
     try:
-        key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends}
-        load = partial(load_run, job.name, file, study.ends)
+        key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends, "growth": job.growth}
+        load = partial(load_run, job.name, file, study.ends, _growth(job.growth))
         return _evaluated(bare, job.folder, key, load, study.protocol, progress)
     except (InputError, OSError, ValueError, RuntimeError) as error:
         # one row must not end the study
@@ -142,9 +153,16 @@ def _evaluated(
         bare,
         figures=kept["figures"],
         network_figures=kept["network_figures"],
+        events=kept["events"],
         times=curve["times"],
         volumes=volumes,
     )
+
+
+def _growth(name: str) -> dict[str, Any]:
+    """Configuration of a change of volume."""
+    config: Any = OmegaConf.to_container(OmegaConf.load(CONF / "growth" / f"{name}.yaml"))
+    return dict(config)
 
 
 def _timed(bare: Result, folder: Path) -> Result:
@@ -154,18 +172,6 @@ def _timed(bare: Result, folder: Path) -> Result:
     times = json.loads(file.read_text()) if file.is_file() else {}
     training = times.get("training_s", summary.get("training_s"))
     return replace(bare, training_s=training, step_s=times.get("step_s"), preparing_s=summary.get("preparing_s"))
-
-
-def _last_terms(folder: Path) -> dict[str, float]:
-    """Average the last logged values of each term of the loss."""
-    log = folder / "log" / "metrics.csv"
-    if not log.is_file():
-        return {}
-    with log.open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row.get("train/loss")]
-    names = [name for name in (rows[-1] if rows else {}) if name and name.startswith("train/")]
-    last = {name: [float(row[name]) for row in rows[-_LAST_ROWS:] if row.get(name)] for name in names}
-    return {name.removeprefix("train/"): sum(values) / len(values) for name, values in last.items() if values}
 
 
 def described(results: Iterable[Result]) -> list[dict[str, Any]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 from nsm.compare.results import Result
@@ -57,7 +57,7 @@ def overview(pair: str, results: Sequence[Result], rows: Sequence[str]) -> Table
         heading: partial(_figure, name=name) for heading, (_, name) in main.items()
     }
     columns = [Column.of(metric, heading) for heading, (metric, _) in main.items()]
-    return _by_column(pair, results, rows, columns, takes)
+    return by_column(pair, results, rows, columns, takes)
 
 
 def _heading(metric: Metric, name: str) -> str:
@@ -67,20 +67,23 @@ def _heading(metric: Metric, name: str) -> str:
 
 
 def times_table(pair: str, results: Sequence[Result], rows: Sequence[str]) -> Table:
-    """Tabulate the times of training and of one step for one pair (figure 12 of the paper)."""
+    """Tabulate the times of training and of one step for one pair (figure 12 of the paper), and the learning rate."""
     columns = [
         Column("training (min)", None),
         Column("step (ms)"),
         Column("steps", None, COUNT),
         Column("preparation (s)", None),
+        Column("learning rate", None),
     ]
     takes: dict[str, Callable[[Result], float | None]] = {
         "training (min)": lambda result: _scaled(result.training_s, _MINUTES),
         "step (ms)": lambda result: _scaled(result.step_s, _MILLISECONDS),
         "steps": lambda result: result.steps,
         "preparation (s)": lambda result: result.preparing_s,
+        "learning rate": lambda result: result.rate,
     }
-    return _by_column(f"{pair}: times", results, rows, columns, takes)
+    columns = [column for column in columns if any(takes[column.name](result) is not None for result in results)]
+    return by_column(f"{pair}: times", results, rows, columns, takes)
 
 
 def terms_table(pair: str, results: Sequence[Result], rows: Sequence[str]) -> Table:
@@ -88,16 +91,25 @@ def terms_table(pair: str, results: Sequence[Result], rows: Sequence[str]) -> Ta
     names = list(dict.fromkeys(name for result in results if result.pair == pair for name in result.terms))
     takes: dict[str, Callable[[Result], float | None]] = {name: partial(_term, name=name) for name in names}
     columns = [Column(name, None) for name in names]
-    return _by_column(f"{pair}: weighted terms of the loss at the end", results, rows, columns, takes)
+    return by_column(f"{pair}: weighted terms of the loss at the end", results, rows, columns, takes)
 
 
-def _by_column(
+def by_column(
     title: str,
     results: Sequence[Result],
     rows: Sequence[str],
     columns: Sequence[Column],
-    takes: dict[str, Callable[[Result], float | None]],
+    takes: Mapping[str, Callable[[Result], float | None]],
 ) -> Table:
+    """Tabulate the results of one pair, a row per method.
+
+    Args:
+        title: Title, which begins with the pair and a colon.
+        results: Results of the study.
+        rows: Methods, in order.
+        columns: Columns.
+        takes: Takes the value of a column, by its name, from a result.
+    """
     pair = title.partition(":")[0]
     cells = {}
     for column in columns:

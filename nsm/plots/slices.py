@@ -85,6 +85,7 @@ def plot_residual_slices(
     plane: SlicePlane = MIDDLE,
     *,
     resolution: int = 200,
+    dpi: int = 250,
 ) -> None:
     """Draw both residuals at some times, one row per residual and morph, with the surface as a strong line.
 
@@ -97,6 +98,7 @@ def plot_residual_slices(
         times: Times of the columns.
         plane: Plane of the slices (3D).
         resolution: Pixels along the longest edge of the box.
+        dpi: Pixels per inch of the picture; each slice is 1.7 inches wide.
 
     Raises:
         InputError: If the morphs differ in dimension, a time is not in [0, 1], or the plane does not intersect the box
@@ -116,7 +118,7 @@ def plot_residual_slices(
         for label, parts in slices.items()
     }
     shown = {label: parts for label, parts in shown.items() if parts}
-    figure, grid = _figure([row for parts in shown.values() for row in parts.values()], bool(any(rows)))
+    figure, grid = _figure([row for parts in shown.values() for row in parts.values()], bool(any(rows)), dpi)
     dim = next(iter(rows.values())).dim
     first = 0
     for label, parts in shown.items():
@@ -216,12 +218,12 @@ def _draw(axis: Axes, piece: _Slice, scale: float) -> AxesImage:
     return image
 
 
-def _figure(rows: Sequence[Sequence[_Slice]], named: bool) -> tuple[Figure, np.ndarray]:
+def _figure(rows: Sequence[Sequence[_Slice]], named: bool, dpi: int) -> tuple[Figure, np.ndarray]:
     """Make a figure whose axes have the shapes of the slices."""
     heights = [_PICTURE * (p[0].extent[3] - p[0].extent[2]) / (p[0].extent[1] - p[0].extent[0]) for p in rows]
     columns = len(rows[0])
     size = (columns * _PICTURE + _BAR + (_NAMES if named else 0), sum(heights) + 0.05 * len(rows) + _TITLE)
     close = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, wspace=0.0, hspace=0.0)
-    figure = Figure(figsize=size, dpi=250, layout=close)
+    figure = Figure(figsize=size, dpi=dpi, layout=close)
     FigureCanvasAgg(figure)
     return figure, figure.subplots(len(rows), columns, squeeze=False, gridspec_kw={"height_ratios": heights})

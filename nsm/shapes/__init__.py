@@ -4,7 +4,7 @@ from nsm.shapes.alignment import Aligned, Alignment, RigidAlignment, SharedCoord
 from nsm.shapes.base import FieldShape, Shape, working_box
 from nsm.shapes.download import fetch, resolve
 from nsm.shapes.labels import LabelVolume
-from nsm.shapes.landmarks import LandmarkPairs, Landmarks, LandmarkTable, LandmarkVertices
+from nsm.shapes.landmarks import LandmarkPairs, LandmarkPoints, Landmarks, LandmarkTable, LandmarkVertices
 from nsm.shapes.mesh import MeshFile, MeshShape
 from nsm.shapes.normalize import EqualVolume, PlacedPair, equal_volume, place_together
 from nsm.shapes.outline import OutlineShape
@@ -26,6 +26,7 @@ __all__ = [
     "FieldShape",
     "LabelVolume",
     "LandmarkPairs",
+    "LandmarkPoints",
     "LandmarkTable",
     "LandmarkVertices",
     "Landmarks",

@@ -115,6 +115,43 @@ class LandmarkTable(Landmarks):
         return LandmarkPairs(table[:, :dim], table[:, dim:])
 
 
+class LandmarkPoints(Landmarks):
+    """Landmarks given one by one.
+
+    Args:
+        source: Points of the source, k of d coordinates.
+        target: Points of the target, one for each of the source.
+
+    Example:
+        >>> LandmarkPoints([[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.5], [2.0, 0.5]]).read(2).target.tolist()
+        [[0.0, 0.5], [2.0, 0.5]]
+    """
+
+    def __init__(self, source: Sequence[Sequence[float]], target: Sequence[Sequence[float]]) -> None:
+        self.points = {"source": source, "target": target}
+
+    def read(self, dim: int) -> LandmarkPairs:
+        """Return the landmarks.
+
+        Raises:
+            InputError: If there are none, the numbers of points differ, or one does not have d finite coordinates.
+        """
+        example = [[0.1] * dim]
+        for end, points in self.points.items():
+            if not points or not all(len(point) == dim and all(map(math.isfinite, point)) for point in points):
+                raise InputError(
+                    f"`landmarks.{end}` must be a list of points of {dim} finite coordinates each, got {points}. "
+                    f"Try `landmarks.{end}={example}`."
+                )
+        source, target = (torch.tensor(points, dtype=torch.float64) for points in self.points.values())
+        if len(source) != len(target):
+            raise InputError(
+                f"`landmarks.target` must have a point for each of the {len(source)} of the source, got {len(target)}. "
+                f"Try `landmarks.source={example}` and `landmarks.target={example}`."
+            )
+        return LandmarkPairs(source, target)
+
+
 class LandmarkVertices(Landmarks):
     """Landmarks at vertices of two meshes.
 

@@ -22,6 +22,8 @@ from nsm.compare import __main__ as compare
 SMALL = (
     "+study=figure2",
     "methods=[adadiv,free]",
+    "seeds=[0]",
+    "learning_rates=null",
     "minutes=null",
     "steps=3",
     "threads=1",

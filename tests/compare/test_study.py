@@ -80,6 +80,32 @@ def test_a_study_ends_with_a_folder_that_shows_it_and_a_failed_run_is_a_row(
     assert figures["flow map"] < 1e-3
 
 
+def test_each_method_has_its_own_learning_rate_and_growth_and_its_course_is_shown(
+    tmp_path: Path, started: list[Path]
+) -> None:
+    method = "{name: grown, method: adadiv, growth: scale_linear}"
+    more = (f"methods=[{method}]", "learning_rates=[1e-6,1e-5]", "seeds=[0,1]", "slices.changes=1")
+    pair = "pairs=[{name: growing, experiment: disk_translation, overrides: ['target.radius=0.45']}]"
+    assert compare_here(*tiny(tmp_path, *more, pair)) == 0
+    grown = tmp_path / "runs" / "growing" / "grown"
+    found = json.loads((tmp_path / "study.json").read_text())["rows"]
+    rate = found[0]["rate"]
+    assert started == [grown / "lr_1e-06/seed_0", grown / "lr_1e-05/seed_0", grown / f"lr_{rate:g}/seed_1"]
+    errors = {r: json.loads((grown / f"lr_{r:g}/seed_0/summary.json").read_text())["val/error"] for r in (1e-6, 1e-5)}
+    assert errors[rate] == min(errors.values())
+    assert [(row["seed"], row["rate"]) for row in found] == [(0, rate), (1, rate)]
+    # f starts as the source at all times and is shown at the volumes of both disks
+    for row in found:
+        volumes = row["volume"]["volumes"]
+        assert volumes[-1] / volumes[0] == pytest.approx(1.5**2, rel=0.05)
+        assert row["figures"]["volume max"] < 0.05
+        assert [point["step"] for point in row["course"]] == [1, 2, 3]
+    page = (tmp_path / "README.md").read_text()
+    assert "each method with its own best of the learning rates 1e-06, 1e-05" in page
+    assert "(course_growing.png)" in page
+    assert (tmp_path / "pairs" / "growing_rates.csv").is_file()
+
+
 class Lost:
     """A launcher whose worker dies."""
 

@@ -13,7 +13,7 @@ import torch
 import trimesh
 
 from nsm.cli.errors import InputError
-from nsm.shapes import Ball, LandmarkPairs, LandmarkTable, LandmarkVertices, Similarity
+from nsm.shapes import Ball, LandmarkPairs, LandmarkPoints, LandmarkTable, LandmarkVertices, Similarity
 from nsm.shapes.landmarks import warn_of_distant
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,6 +25,20 @@ def test_a_table_has_one_pair_a_row_under_names_or_not(tmp_path: Path) -> None:
         pairs = LandmarkTable(str(tmp_path / "pairs.csv")).read(2)
         assert pairs.source.tolist() == [[0, 1], [4, 5]]
         assert pairs.target.tolist() == [[2, 3], [6, 7.5]]
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "words"),
+    [
+        ([], [[0, 1]], "`landmarks.source` must be a list of points of 2 finite coordinates each, got .."),
+        ([[0, 1]], [[0, 1, 2]], "`landmarks.target` must be a list of points of 2 finite coordinates each"),
+        ([[0, 1]], [[0, float("nan")]], "`landmarks.target` must be a list of points of 2 finite coordinates each"),
+        ([[0, 1]], [[0, 1], [1, 1]], "must have a point for each of the 1 of the source, got 2"),
+    ],
+)
+def test_points_that_do_not_correspond_are_told(source: list, target: list, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        LandmarkPoints(source, target).read(2)
 
 
 def test_landmarks_go_where_their_shapes_go(tmp_path: Path) -> None:
