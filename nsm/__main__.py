@@ -21,6 +21,7 @@ COMMANDS = {
     "export": "write a morph as meshes, an animation, or networks for other programs",
     "render": "draw a morph as a strip, a film, a turntable, or slices",
     "view": "show morphs in the browser",
+    "layers": "divide the shell between two nested surfaces into layers of equal volume",
     "compare": "run and tabulate a study of methods on pairs of shapes",
 }
 

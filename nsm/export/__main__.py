@@ -23,7 +23,9 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> None:
     """Load a morph and write it in one format."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
-    times, resolution = moments("times", config["times"]), whole_number("resolution", config["resolution"], 2)
+    times = moments("times", config["times"])
+    if config["resolution"] is not None:
+        whole_number("resolution", config["resolution"], 2)
     use_threads(config)
     if config["format"] is not None:
         choice("format", config["format"], FORMATS)
@@ -38,14 +40,15 @@ def main(cfg: DictConfig) -> None:
         morph=morph,
         output=Path(config["output"]) if config["output"] else output_folder([loaded], "export"),
         times=times,
-        resolution=resolution,
-        coordinates=config["coordinates"],
+        resolution=chosen.resolution if config["resolution"] is None else config["resolution"],
+        coordinates=chosen.coordinates if config["coordinates"] is None else config["coordinates"],
         exact_volume=exact_volume,
         advect=_advect(config["advect"], chosen, morph, exact_volume),
         correspondences=config["advect"] is True,
         mesh=None if config["mesh"] is None else str(config["mesh"]),
         project=switch("project", config["project"]),
         seconds=positive("seconds", config["seconds"]),
+        labels=_labels(config["labels"], chosen),
         identity={"morph": _content(loaded), "growth": config["growth"], "ends": config["ends"]},
     )
     chosen.export(request)
@@ -78,6 +81,17 @@ def _advect(value: Any, chosen: Format, morph: Morph, exact_volume: bool) -> boo
         log.info("this morph has no velocity to advect a mesh, so each time is a mesh of its own (`advect=false`)")
         return False
     return True
+
+
+def _labels(value: Any, chosen: Format) -> str | None:
+    """The setting ``labels``, which only the format that carries labels may have."""
+    if value is None:
+        return None
+    if not chosen.carries_labels:
+        raise InputError(
+            f"`labels` must come with `format=labels`, got {value} without it. Try `format=labels labels={value}`."
+        )
+    return str(value)
 
 
 def _content(loaded: LoadedMorph) -> str:

@@ -35,13 +35,14 @@ class Animation(Format):
     """
 
     suffixes: tuple[str, ...]
+    is_file = True
 
     @abstractmethod
-    def write_extracted(self, path: Path, frames: Iterable[Frame], seconds: float) -> None:
-        """Write surfaces of any connectivity, each visible around its own time."""
+    def write_extracted(self, path: Path, frames: Iterable[Frame], request: Request) -> None:
+        """Write the requested surfaces, of any connectivity, each visible around its own time."""
 
     @abstractmethod
-    def write_advected(self, path: Path, frames: Iterable[Frame], seconds: float, attributes: Attributes) -> None:
+    def write_advected(self, path: Path, frames: Iterable[Frame], request: Request, attributes: Attributes) -> None:
         """Write one mesh whose vertices move, with the attributes of its vertices."""
 
     def export(self, request: Request) -> Path:
@@ -52,9 +53,9 @@ class Animation(Format):
         manifest = _resumed(parts, settings_of(request, path.suffix))
         write_frames(manifest, "npz", request, surfaces, _write_part)
         if request.advect:
-            self.write_advected(path, _read_parts(manifest), request.seconds, surfaces.attributes)
+            self.write_advected(path, _read_parts(manifest), request, surfaces.attributes)
         else:
-            self.write_extracted(path, _read_parts(manifest), request.seconds)
+            self.write_extracted(path, _read_parts(manifest), request)
         surfaces.write_companions(path.parent)
         write_records(path.with_name(f"{path.name}.json"), manifest.settings, manifest.records)
         shutil.rmtree(parts)

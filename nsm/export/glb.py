@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from nsm.export.animation import Animation
+from nsm.export.request import Request
 from nsm.io.gltf import write_glb_advected, write_glb_frames
 from nsm.morphs.surfaces import Frame
 from nsm.shapes.textured import Attributes
@@ -17,8 +18,8 @@ class GlbAnimation(Animation):
     suffixes = (".glb",)
     advects = True
 
-    def write_extracted(self, path: Path, frames: Iterable[Frame], seconds: float) -> None:
-        write_glb_frames(path, frames, seconds)
+    def write_extracted(self, path: Path, frames: Iterable[Frame], request: Request) -> None:
+        write_glb_frames(path, frames, request.seconds)
 
-    def write_advected(self, path: Path, frames: Iterable[Frame], seconds: float, attributes: Attributes) -> None:
-        write_glb_advected(path, frames, seconds, attributes)
+    def write_advected(self, path: Path, frames: Iterable[Frame], request: Request, attributes: Attributes) -> None:
+        write_glb_advected(path, frames, request.seconds, attributes)

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from nsm.cli.errors import InputError
-from nsm.export.request import Format, Request, one_file
+from nsm.export.request import Format, Request, one_file, refuse_surface_settings
 from nsm.types import Morph, Networks
 
 log = logging.getLogger(__name__)
@@ -33,17 +33,13 @@ class NetworkFormat(Format):
 
     dims = (2, 3)
     holds_networks = True
+    is_file = True
 
     def __init__(self, name: str, write: Callable[[Path, Morph], None]) -> None:
         self.name, self.write = name, write
 
     def export(self, request: Request) -> Path:
-        for name, requested in (("exact_volume", request.exact_volume), ("advect", request.advect)):
-            if requested:
-                raise InputError(
-                    f"`{name}=true` must come with a format of surfaces, got `format={self.name}`, which holds the "
-                    "fields. Try `format=ply`."
-                )
+        refuse_surface_settings(request, self.name, "the fields")
         if request.coordinates != "morph":
             raise InputError(
                 f"`coordinates` must be morph for `format={self.name}`, which holds the fields, got "

@@ -33,6 +33,7 @@ class Request:
         mesh: File of the mesh to advect, in the coordinates of the source's file; None for the surface at t = 0.
         project: Whether an advected mesh is kept on the surface of f.
         seconds: Duration of an animation.
+        labels: File of a volume of labels, in the coordinates of the file of an end, for the format that carries it.
         identity: Further values that determine the frames, such as the hash of the checkpoint, so that an interrupted
             export resumes only if nothing has changed.
 
@@ -51,6 +52,7 @@ class Request:
     mesh: str | None = None
     project: bool = True
     seconds: float = 4.0
+    labels: str | None = None
     identity: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
@@ -73,11 +75,19 @@ class Format(ABC):
         dims: Dimensions of the morphs that it can hold.
         advects: Whether morphs with a velocity are advected unless the setting ``advect`` says otherwise.
         holds_networks: Whether it holds the networks of a morph, and not its surfaces.
+        carries_labels: Whether it needs a volume of labels, the setting ``labels``.
+        is_file: Whether it is a single file, and not a folder.
+        resolution: Cells along the longest edge of the box unless the setting ``resolution`` says otherwise.
+        coordinates: Coordinate system unless the setting ``coordinates`` says otherwise.
     """
 
     dims: tuple[int, ...] = (3,)
     advects: bool = False
     holds_networks: bool = False
+    carries_labels: bool = False
+    is_file: bool = False
+    resolution: int = 256
+    coordinates: str = "morph"
 
     @abstractmethod
     def export(self, request: Request) -> Path:
@@ -86,6 +96,25 @@ class Format(ABC):
         Raises:
             InputError: If the format cannot hold what is requested, or the file cannot be written.
         """
+
+
+def refuse_surface_settings(request: Request, name: str, content: str) -> None:
+    """Refuse settings that only concern surfaces, for a format that holds none.
+
+    Args:
+        request: The request.
+        name: Name of the format.
+        content: What the format holds instead.
+
+    Raises:
+        InputError: If such a setting is on.
+    """
+    for setting, requested in (("exact_volume", request.exact_volume), ("advect", request.advect)):
+        if requested:
+            raise InputError(
+                f"`{setting}=true` must come with a format of surfaces, got `format={name}`, which holds {content}. "
+                "Try `format=ply`."
+            )
 
 
 def one_file(output: Path, suffixes: tuple[str, ...]) -> Path:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
@@ -19,10 +19,13 @@ from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 from nsm.cli.files import whole_file
 from nsm.export.animation import Animation
+from nsm.export.request import Request
+from nsm.export.surfaces import similarity_to
 from nsm.io.moving import is_closed, playing_times
 from nsm.io.palette import CLAY, linear_from_srgb
 from nsm.morphs.surfaces import Frame
 from nsm.shapes.textured import Attributes
+from nsm.types import Morph
 
 if TYPE_CHECKING:
     from pxr import Usd, UsdGeom
@@ -31,8 +34,26 @@ if TYPE_CHECKING:
 SUFFIXES = (".usdc", ".usda", ".usdz")
 #: Time codes per second.
 RATE = 24.0
-#: Meters per unit of the box, so that a shape is about as large as a chair.
-_METERS = 0.5
+#: Provenance of a shape from a scanner, whose coordinates are millimeters.
+_SCANNED = "labels"
+
+
+class Space(NamedTuple):
+    """Coordinates of a stage.
+
+    Attributes:
+        up: Axis that points upward, ``Y`` or ``Z``.
+        meters: Meters per unit of length.
+    """
+
+    up: str
+    meters: float
+
+
+#: Coordinates of the box, in which a shape is about as large as a chair.
+BOX = Space("Y", 0.5)
+#: Meters per unit of a file: millimeters for scans, and centimeters, which USD assumes, for files without units.
+_MILLIMETER, _CENTIMETER = 0.001, 0.01
 
 
 class UsdAnimation(Animation):
@@ -40,33 +61,49 @@ class UsdAnimation(Animation):
 
     suffixes = SUFFIXES
 
-    def write_extracted(self, path: Path, frames: Iterable[Frame], seconds: float) -> None:
-        write_usd_frames(path, frames, seconds)
+    def write_extracted(self, path: Path, frames: Iterable[Frame], request: Request) -> None:
+        write_usd_frames(path, frames, request.seconds, space_of(request.morph, request.coordinates))
 
-    def write_advected(self, path: Path, frames: Iterable[Frame], seconds: float, attributes: Attributes) -> None:
-        write_usd_advected(path, frames, seconds, attributes)
+    def write_advected(self, path: Path, frames: Iterable[Frame], request: Request, attributes: Attributes) -> None:
+        space = space_of(request.morph, request.coordinates)
+        write_usd_advected(path, frames, request.seconds, attributes, space)
 
 
-def write_usd_frames(path: Path | str, frames: Iterable[Frame], seconds: float) -> None:
+def space_of(morph: Morph, coordinates: str) -> Space:
+    """Return the coordinates of a stage for a coordinate system of `nsm.export.request.COORDINATES`.
+
+    The upward axis of a file is the one of y and z that its fit and pose turn closer to the upward axis of the box.
+    """
+    if coordinates == "morph":
+        return BOX
+    upward = similarity_to(morph, coordinates).rotation[:, 1]
+    scanned = morph.provenance.get(coordinates, {}).get("kind") == _SCANNED
+    return Space("Z" if upward[2] > upward[1] else "Y", _MILLIMETER if scanned else _CENTIMETER)
+
+
+def write_usd_frames(path: Path | str, frames: Iterable[Frame], seconds: float, space: Space = BOX) -> None:
     """Write surfaces of any connectivity as one mesh whose points and faces have time samples.
 
     Args:
         path: The file to write, with one of `SUFFIXES`.
         frames: 3D surfaces at increasing times; one without triangles hides the mesh.
         seconds: Seconds from the first frame to the last.
+        space: Coordinates of the vertices.
 
     Raises:
         InputError: If usd-core is not installed, the times do not increase, or the file cannot be written.
     """
     frames = list(frames)
-    with _stage(path, frames, seconds) as (mesh, codes):
+    with _stage(path, frames, seconds, space) as (mesh, codes):
         _paint(mesh, Attributes(), all(is_closed(frame.mesh) for frame in frames))
         for code, frame in zip(codes, frames, strict=True):
             _set_faces(mesh, frame, code)
             _set_points(mesh, frame, code)
 
 
-def write_usd_advected(path: Path | str, frames: Iterable[Frame], seconds: float, attributes: Attributes) -> None:
+def write_usd_advected(
+    path: Path | str, frames: Iterable[Frame], seconds: float, attributes: Attributes, space: Space = BOX
+) -> None:
     """Write one surface whose vertices move as a mesh whose points alone have time samples.
 
     Args:
@@ -75,12 +112,13 @@ def write_usd_advected(path: Path | str, frames: Iterable[Frame], seconds: float
         seconds: Seconds from the first frame to the last.
         attributes: Attributes of the vertices: colors become ``displayColor``, texture coordinates ``st``. The texture
             itself is omitted, because USD keeps pictures in separate files.
+        space: Coordinates of the vertices.
 
     Raises:
         InputError: If usd-core is not installed, the times do not increase, or the file cannot be written.
     """
     frames = list(frames)
-    with _stage(path, frames, seconds) as (mesh, codes):
+    with _stage(path, frames, seconds, space) as (mesh, codes):
         _paint(mesh, attributes, is_closed(frames[0].mesh))
         _set_faces(mesh, frames[0])
         for code, frame in zip(codes, frames, strict=True):
@@ -88,7 +126,9 @@ def write_usd_advected(path: Path | str, frames: Iterable[Frame], seconds: float
 
 
 @contextmanager
-def _stage(path: Path | str, frames: list[Frame], seconds: float) -> Iterator[tuple[UsdGeom.Mesh, list[Usd.TimeCode]]]:
+def _stage(
+    path: Path | str, frames: list[Frame], seconds: float, space: Space
+) -> Iterator[tuple[UsdGeom.Mesh, list[Usd.TimeCode]]]:
     """Provide an empty mesh on a stage and the time codes of the frames; the stage is written if the block succeeds."""
     require("pxr", extra="usd", task="A USD file")
     from pxr import Usd, UsdGeom, UsdUtils
@@ -100,8 +140,8 @@ def _stage(path: Path | str, frames: list[Frame], seconds: float) -> Iterator[tu
         )
     moments = playing_times([frame.time for frame in frames], seconds) * RATE
     stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    UsdGeom.SetStageMetersPerUnit(stage, _METERS)
+    UsdGeom.SetStageUpAxis(stage, space.up)
+    UsdGeom.SetStageMetersPerUnit(stage, space.meters)
     stage.SetTimeCodesPerSecond(RATE)
     stage.SetFramesPerSecond(RATE)
     stage.SetStartTimeCode(moments[0])

@@ -192,7 +192,7 @@ class TrainedMorph(Morph):
             render_strip(path, self._morph, times, look=Look(resolution=resolution))
             return path
         name = {"": "ply" if self.dim == 3 else "obj", ".usda": "usd", ".usdz": "usd"}.get(suffix, suffix[1:])
-        if name not in FORMATS or (suffix and self.dim not in FORMATS[name].dims):
+        if name not in FORMATS or (suffix and not (FORMATS[name].is_file and self.dim in FORMATS[name].dims)):
             endings = ".ckpt, .glb, .usd, .mp4, .gif, .png, or nothing for a folder of meshes"
             raise InputError(f"`path` must end in {endings}, got {path}. Try `morph.save('morph.glb')`.")
         identity = {"morph": self._identity, "exact": self._morph is not self.network}

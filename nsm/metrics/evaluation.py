@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from nsm.geometry.flow import FlowError
+from nsm.geometry.jacobian import PERCENTILES, VolumeChange
 from nsm.metrics.advection import AdvectionCheck
 from nsm.metrics.endpoint import EndpointErrors
 from nsm.metrics.figures import all_metrics
@@ -53,6 +54,7 @@ class Evaluation(Measurements):
                 },
                 "events": [event._asdict() for event in self.events],
                 "advection": None if self.advection is None else _advection_dict(self.advection),
+                "interior": None if self.interior is None else _interior_dict(self.interior),
                 "flow": None if self.flow is None else self.flow._asdict(),
             }
         )
@@ -111,6 +113,11 @@ def _end_dict(end: EndpointErrors) -> dict[str, Any]:
 def _advection_dict(check: AdvectionCheck) -> dict[str, Any]:
     distances = [None if distance is None else distance._asdict() for distance in check.distances]
     return {"times": check.times, "volumes": check.volumes, "errors": check.errors, "distances": distances}
+
+
+def _interior_dict(change: VolumeChange) -> dict[str, Any]:
+    percentiles = {f"{percent:g}": value for percent, value in zip(PERCENTILES, change.percentiles, strict=True)}
+    return change._asdict() | {"percentiles": percentiles}
 
 
 def _plain(value: Any) -> Any:

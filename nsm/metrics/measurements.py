@@ -9,10 +9,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.geometry.flow import FlowError
+from nsm.geometry.jacobian import VolumeChange
 from nsm.geometry.meshing import extract_surface, open_sides
 from nsm.metrics.advection import AdvectionCheck, check_advection
 from nsm.metrics.endpoint import EndpointErrors, endpoint_errors
 from nsm.metrics.events import TopologyEvent, topology_events
+from nsm.metrics.interior import interior_change
 from nsm.metrics.landmarks import landmark_errors
 from nsm.metrics.motion import Motion
 from nsm.metrics.protocol import Protocol
@@ -25,7 +27,7 @@ from nsm.types import Morph, SimplexMesh
 #: Times at which a morph is compared with its two shapes.
 ENDS = (0.0, 1.0)
 #: Number of stages that `Measurements` reports.
-STAGES = 7
+STAGES = 8
 #: The surface that is advected has cells this many times as large; with the midpoints of its edges it has as many
 #: vertices as the others.
 _ADVECTED_COARSER = 2
@@ -130,6 +132,12 @@ class Measurements:
     def landmarks(self) -> Float[Tensor, " k"] | None:
         """Distances of the advected landmarks from those of the target; None for a morph without landmarks."""
         return landmark_errors(self.morph)
+
+    @cached_property
+    def interior(self) -> VolumeChange | None:
+        """Change of volumes inside under the flow of V; None for a morph without velocity."""
+        self._progress("change of volume inside")
+        return interior_change(self.morph)
 
     @cached_property
     def flow(self) -> FlowError | None:

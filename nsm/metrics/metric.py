@@ -23,6 +23,7 @@ class Section(Enum):
     ENDS = "end shapes"
     EQUATIONS = "equations"
     ADVECTION = "advection by V"
+    INTERIOR = "change of volume inside"
     MOTION = "motion"
     SURFACE = "surface"
     TOPOLOGY = "topology"

@@ -7,7 +7,7 @@ from typing import Any
 
 from nsm.geometry.advection import DEFAULT_METHOD
 from nsm.geometry.volume import VOLUME_RESOLUTION
-from nsm.metrics import endpoint, events, residuals, surface
+from nsm.metrics import endpoint, events, interior, residuals, surface
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class Protocol:
             "points_on_surface": surface.SAMPLES,
             "points_to_find_shell": residuals.SAMPLES,
             "points_in_shell_and_box": residuals.REGION_SAMPLES,
+            "points_inside": interior.SAMPLES,
             "time_step_of_rates": residuals.TIME_STEP,
             "time_tolerance_of_events": events.TIME_TOLERANCE,
             "advection": repr(DEFAULT_METHOD),

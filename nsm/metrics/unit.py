@@ -44,6 +44,7 @@ class Unit(NamedTuple):
 #: Lengths and times are those of the morph's box and of t unless the name says otherwise.
 NUMBER = Unit("")
 RELATIVE = Unit("relative")
+PER_MILLE = Unit("per mille", symbol=" ‰")
 RATIO = Unit("ratio")
 COUNT = Unit("count", decimals=0)
 DEGREE = Unit("degree", decimals=1, symbol="°")

@@ -66,6 +66,28 @@ class LabelVolume(MeshShape):
         self.faces.copy_(torch.from_numpy(faces))
 
 
+def known_labels(values: np.ndarray, name: str) -> list[int]:
+    """List the labels of a volume except for 0, the background, in increasing order.
+
+    Args:
+        values: Labels of all voxels.
+        name: Name of the file, for messages.
+
+    Raises:
+        InputError: If the values are not labels, or all are 0.
+    """
+    present = np.unique(values)
+    if len(present) > MAX_LABELS or not (np.isfinite(present).all() and (present == np.round(present)).all()):
+        raise InputError(
+            f"`{name}` must hold whole numbers, the labels of its voxels, got {len(present)} different values between "
+            f"{present[0]:g} and {present[-1]:g}. Try a segmentation in place of the scan."
+        )
+    known = [int(value) for value in present if value != 0]
+    if not known:
+        raise InputError(f"`{name}` must hold a label other than 0, got none. Try another segmentation.")
+    return known
+
+
 def choose_labels(values: np.ndarray, label: int | Sequence[int] | None, name: str) -> list[int]:
     """Determine the labels that form the region.
 
@@ -77,16 +99,8 @@ def choose_labels(values: np.ndarray, label: int | Sequence[int] | None, name: s
     Raises:
         InputError: If a label is not in the volume, none of several is chosen, or the values are not labels.
     """
-    present = np.unique(values)
-    if len(present) > MAX_LABELS or not (np.isfinite(present).all() and (present == np.round(present)).all()):
-        raise InputError(
-            f"`{name}` must hold whole numbers, the labels of its voxels, got {len(present)} different values between "
-            f"{present[0]:g} and {present[-1]:g}. Try a segmentation in place of the scan."
-        )
-    known = [int(value) for value in present if value != 0]
+    known = known_labels(values, name)
     listed = ", ".join(map(str, known[:LISTED])) + (", …" if len(known) > LISTED else "")
-    if not known:
-        raise InputError(f"`{name}` must hold a label other than 0, got none. Try another segmentation.")
     if label is None:
         if len(known) > 1:
             raise InputError(f"`label` must be one of {listed} in {name}, got none. Try `label={known[0]}`.")

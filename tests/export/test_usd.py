@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import torch
 from problems import MOTIONS
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdValidation
 
 from nsm.cli.errors import InputError
-from nsm.export.usd import RATE, SUFFIXES, write_usd_advected, write_usd_frames
+from nsm.export.usd import BOX, RATE, SUFFIXES, Space, space_of, write_usd_advected, write_usd_frames
 from nsm.io.palette import linear_from_srgb
 from nsm.morphs.surfaces import Frame, extract_frame
+from nsm.shapes import Ball
 from nsm.shapes.textured import Attributes
 from nsm.types import SimplexMesh
 
@@ -26,6 +27,12 @@ CODES = [0.0, 0.25 * 2 * RATE, 2 * RATE]
 def frames() -> list[Frame]:
     motion = MOTIONS["squashed_ball"](3)
     return [extract_frame(motion, time, 16) for time in TIMES]
+
+
+def findings(stage: Usd.Stage) -> list[str]:
+    """What usdchecker has to say about a stage."""
+    rules = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    return [error.GetMessage() for error in UsdValidation.ValidationContext(rules).Validate(stage)]
 
 
 def read(path: Path) -> UsdGeom.Mesh:
@@ -105,3 +112,31 @@ def test_what_cannot_be_written_is_said(tmp_path: Path, frames: list[Frame], mon
     with pytest.raises(InputError, match=r"needs `pxr`, .* Try `pip install 'nsm\[usd\]'`\.$"):
         write_usd_frames(tmp_path / "m.usdc", frames, 1.0)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_usdchecker_finds_nothing(tmp_path: Path, frames: list[Frame], suffix: str) -> None:
+    write_usd_frames(tmp_path / f"frames{suffix}", frames, 2.0)
+    still = [frames[0]._replace(time=time) for time in TIMES]
+    colors = Attributes(colors=torch.rand(len(frames[0].mesh.vertices), 3))
+    write_usd_advected(tmp_path / f"advected{suffix}", still, 2.0, colors)
+    for name in ("frames", "advected"):
+        assert findings(Usd.Stage.Open(str(tmp_path / f"{name}{suffix}"))) == []
+    nameless = Usd.Stage.CreateInMemory()
+    nameless.DefinePrim("/a", "Mesh")
+    assert any("upAxis" in finding for finding in findings(nameless))  # the check can fail
+
+
+def test_a_stage_in_the_coordinates_of_a_file_has_its_units_and_its_upward_axis(
+    tmp_path: Path, frames: list[Frame]
+) -> None:
+    motion = MOTIONS["squashed_ball"](3)
+    motion.source = Ball(0.4, pose={"rotation": [-90, 0, 0], "scale": 0.01})  # z of the file becomes +y
+    motion.target = Ball(0.4, pose={"rotation": [0, 70, 0]})
+    motion.provenance = {"source": {"kind": "labels"}, "target": {"kind": "mesh"}}
+    assert space_of(motion, "source") == Space("Z", 0.001)
+    assert space_of(motion, "target") == Space("Y", 0.01)
+    assert space_of(motion, "morph") == BOX
+    write_usd_frames(tmp_path / "m.usda", frames, 2.0, Space("Z", 0.001))
+    stage = Usd.Stage.Open(str(tmp_path / "m.usda"))
+    assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Z", 0.001)

@@ -32,7 +32,9 @@ README = ROOT / "README.md"
 PAGES = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 #: Pages whose code needs nothing but a run in outputs/demo.
 RUNNABLE = ["README.md", "index.md", "library.md"]
-COMMAND = re.compile(r"^(?:nsm |python -m nsm\.)(train|evaluate|export|render|view|compare)\b(.*)$", re.MULTILINE)
+COMMAND = re.compile(
+    r"^(?:nsm |python -m nsm\.)(train|evaluate|export|render|view|layers|compare)\b(.*)$", re.MULTILINE
+)
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -59,7 +61,9 @@ def test_every_command_is_understood(name: str, overrides: list[str]) -> None:
         return
     with initialize_config_dir(str(CONF), version_base="1.3"):
         config = compose(name, overrides)
-    if name == "compare":
+    if name == "layers":
+        assert str(config.inner) != str(config.outer) or config.inner_label != config.outer_label
+    elif name == "compare":
         assert read_study(OmegaConf.to_container(config, resolve=True)).methods
     else:
         assert str(config.checkpoint).startswith("outputs/")
@@ -68,7 +72,7 @@ def test_every_command_is_understood(name: str, overrides: list[str]) -> None:
 def test_the_commands_are_those_of_the_package() -> None:
     page = (ROOT / "docs" / "commands.md").read_text()
     shown = {name for name, _ in COMMAND.findall(page)}
-    assert shown == {"train", "evaluate", "export", "render", "view", "compare"}
+    assert shown == {"train", "evaluate", "export", "render", "view", "layers", "compare"}
 
 
 def test_the_make_targets_are_there() -> None:

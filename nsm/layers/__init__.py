@@ -1,0 +1,1 @@
+"""Layers of equal volume between nested surfaces: ``python -m nsm.layers``."""
