@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from nsm.metrics.volume_curve import volume_curve
     from nsm.morphs.advected import advect_mesh
     from nsm.morphs.exact_ends import ExactEnds
+    from nsm.morphs.exact_keys import ExactKeys
     from nsm.morphs.file_coordinates import FileCoordinates
     from nsm.morphs.surfaces import extract_frame
     from nsm.shapes import MeshFile, PointCloud
@@ -33,6 +34,7 @@ share_cores()  # before anything imports torch
 __version__ = "0.1.0"
 __all__ = [
     "ExactEnds",
+    "ExactKeys",
     "FileCoordinates",
     "InputError",
     "MeshFile",
@@ -55,6 +57,7 @@ __all__ = [
 #: package may share a name with them: importing `nsm.morph` would replace the function.
 _MODULES = {
     "ExactEnds": "nsm.morphs.exact_ends",
+    "ExactKeys": "nsm.morphs.exact_keys",
     "FileCoordinates": "nsm.morphs.file_coordinates",
     "InputError": "nsm.cli.errors",
     "MeshFile": "nsm.shapes",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import torch
 from jaxtyping import Float, Int
@@ -15,6 +16,8 @@ from nsm.cli.errors import InputError
 
 #: Function that maps points (n, d) to signed distances (n,), negative inside.
 SignedDistance = Callable[[Tensor], Tensor]
+#: Kind of shape of a key: any signed distance, or a shape that knows more of itself.
+ShapeT = TypeVar("ShapeT", bound=SignedDistance, covariant=True)
 #: One time, or one for each of n points, shape (n,).
 Times = float | Float[Tensor, " n"]
 
@@ -83,6 +86,19 @@ class DistanceSamples(NamedTuple):
     distances: Float[Tensor, " n"]
 
 
+@dataclass(frozen=True)
+class Key(Generic[ShapeT]):
+    """A shape that a morph passes through, with the time at which it does.
+
+    Attributes:
+        time: Time in [0, 1].
+        shape: Signed distance (n,) of the shape, posed and scaled, at points of shape (n, d).
+    """
+
+    time: float
+    shape: ShapeT
+
+
 class Networks(NamedTuple):
     """The networks of a morph for programs that do not have nsm, in single precision on the CPU.
 
@@ -113,8 +129,9 @@ class Morph(ABC):
         target: The same for the shape at t = 1.
         provenance: Where the two end shapes come from, as values that JSON can hold: under ``source`` and ``target``,
             what `nsm.shapes.Shape.provenance` returns, with the factor ``scale`` by which the shape was scaled to
-            make both volumes equal; empty where nothing is known. Under ``landmarks``, the corresponding points that
-            a morph was trained with, in the coordinates of both files (`nsm.shapes.LandmarkPairs`).
+            make both volumes equal; under ``between``, a list of the same for the keys between them; under
+            ``landmarks``, the corresponding points that a morph was trained with, in the coordinates of both files
+            (`nsm.shapes.LandmarkPairs`); empty where nothing is known.
     """
 
     dim: int
@@ -138,6 +155,11 @@ class Morph(ABC):
     @abstractmethod
     def gradient(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"]:
         """Spatial gradient ∇f at points and times, shape (n, d)."""
+
+    @property
+    def keys(self) -> tuple[Key[SignedDistance], ...]:
+        """Shapes that the morph passes through, in order of time: by default the source at 0 and the target at 1."""
+        return Key(0.0, self.source), Key(1.0, self.target)
 
     @property
     def has_velocity(self) -> bool:

@@ -31,6 +31,7 @@ from nsm.cli.runtime import keep_freed_memory
 from nsm.losses import BatchEvaluation
 from nsm.sampling import Batch
 from nsm.shapes import LandmarkPairs, SirenShape
+from nsm.types import Key
 
 SURFACE, AMBIENT, INTERIOR = 5_000, 5_000, 10_000
 DIM, WIDTH, DEPTH = 3, 128, 6
@@ -109,11 +110,11 @@ def make_step(method: str, block: int, points: int = SURFACE + AMBIENT + INTERIO
     with initialize_config_dir(str(CONF), version_base="1.3"):
         cfg = compose("train", [f"method={method}"])
     made: Any = {part: instantiate(cfg[part], _convert_="all") for part in ("loss", "optimizer", "sampler")}
-    ends = (SirenShape(DIM, WIDTH, DEPTH, omega=30.0), SirenShape(DIM, WIDTH, DEPTH, omega=30.0))
+    keys = [Key(time, SirenShape(DIM, WIDTH, DEPTH, omega=30.0)) for time in (0.0, 1.0)]
     field, velocity = instantiate(cfg.field, in_features=DIM + 1), None
     if cfg.velocity:
         velocity = instantiate(cfg.velocity, dim=DIM)
-        velocity.attach(field, ends[1])
+        velocity.attach(field, keys)
     parameters = [*field.parameters(), *(velocity.parameters() if velocity else ())]
     optimizer = made["optimizer"](parameters)
     blocks = [random_batch(*made["sampler"]["fractions"].counts(block)) for _ in range(points // block)]
@@ -122,7 +123,7 @@ def make_step(method: str, block: int, points: int = SURFACE + AMBIENT + INTERIO
     def step() -> None:
         optimizer.zero_grad()
         for batch in blocks:
-            total, _ = made["loss"](BatchEvaluation(batch, field, velocity, landmarks, ends=ends))
+            total, _ = made["loss"](BatchEvaluation(batch, field, velocity, landmarks, keys=keys))
             (total / len(blocks)).backward()
         optimizer.step()
 

@@ -50,8 +50,8 @@ def overview(pair: str, results: Sequence[Result], rows: Sequence[str]) -> Table
     main = {
         _heading(metric, name): (metric, name)
         for metric in all_metrics()
-        for name in metric.names()
-        if metric.heading is not None and name in known
+        for name in metric.rows(known)
+        if metric.heading is not None
     }
     takes: dict[str, Callable[[Result], float | None]] = {
         heading: partial(_figure, name=name) for heading, (_, name) in main.items()

@@ -15,7 +15,7 @@ from nsm.cli.settings import moments, number, positive, use_threads, whole_numbe
 from nsm.evaluate.tables import print_table
 from nsm.evaluate.writers import write_evaluations
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder
-from nsm.metrics import STAGES, Evaluation, Protocol, evaluate_morph
+from nsm.metrics import Evaluation, Protocol, evaluate_morph, stages
 from nsm.plots.slices import SlicePlane, plot_residual_slices, require_slices
 from nsm.plots.strip import try_strip
 
@@ -83,7 +83,7 @@ def _columns(loaded: LoadedMorph) -> list[LoadedMorph]:
 
 
 def _measure(column: LoadedMorph, protocol: Protocol, progress: Progress) -> Evaluation:
-    progress.stage(column.name, total=STAGES)
+    progress.stage(column.name, total=stages(column.morph))
     # a stage is done when the next one begins
     begun: list[str] = []
 
@@ -93,7 +93,7 @@ def _measure(column: LoadedMorph, protocol: Protocol, progress: Progress) -> Eva
 
     flow_error = None if column.exact is None else column.exact.flow_error
     evaluation = evaluate_morph(column.morph, protocol, begin, flow_error)
-    progress.update(completed=STAGES, detail="measured")
+    progress.update(completed=stages(column.morph), detail="measured")
     return evaluation
 
 

@@ -60,7 +60,7 @@ def _sections(figures: Figures) -> Iterator[list[list[str]]]:
     """Rows of texts, by section of the table; a row that no morph has is left out."""
     rows: dict[str, list[list[str]]] = {}
     for metric in all_metrics():
-        for name in metric.names():
+        for name in metric.rows(name for of_morph in figures.values() for name in of_morph):
             values = [of_morph.get(name) for of_morph in figures.values()]
             texts = ["" if v is None or math.isnan(v) else metric.unit.format(v) + metric.unit.symbol for v in values]
             if any(texts):

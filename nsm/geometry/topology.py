@@ -45,28 +45,6 @@ def enclosed_volume(mesh: SimplexMesh) -> float:
     return float((middle * simplex_normals(mesh)).sum() / mesh.vertices.shape[1])
 
 
-def subdivided(mesh: SimplexMesh) -> SimplexMesh:
-    """Split triangles into four and segments into two at the midpoints of their edges.
-
-    The original vertices come first.
-    """
-    edges = _edges(mesh.simplices)
-    _, number = _edge_keys(mesh.simplices).unique(return_inverse=True)
-    if not len(number):
-        return mesh
-    ends = edges.new_empty(int(number.max()) + 1, 2)
-    ends[number] = edges
-    vertices = torch.cat([mesh.vertices, mesh.vertices[ends].mean(1)])
-    middles = (number + len(mesh.vertices)).view(-1, len(mesh.simplices))
-    if mesh.simplices.shape[1] == 2:
-        (start, end), middle = mesh.simplices.T, middles[0]
-        parts = [[start, middle], [middle, end]]
-    else:
-        (a, b, c), (ab, bc, ca) = mesh.simplices.T, middles
-        parts = [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
-    return SimplexMesh(vertices, torch.cat([torch.stack(part, 1) for part in parts]))
-
-
 def component_labels(mesh: SimplexMesh) -> Int[Tensor, " m"]:
     """Label each simplex with the number of its connected component, 0, 1, …, shape (m,)."""
     if not len(mesh.simplices):

@@ -14,7 +14,8 @@ from nsm.io.build import build
 from nsm.io.checkpoint import find_checkpoint, load_morph
 from nsm.io.official import load_official, official_name
 from nsm.morphs.exact_ends import ExactEnds
-from nsm.morphs.growth import Grown, Growth
+from nsm.morphs.exact_keys import ExactKeys
+from nsm.morphs.growth import UNSCALED, Grown, Growth
 from nsm.types import Morph
 
 log = logging.getLogger(__name__)
@@ -43,7 +44,7 @@ class LoadedMorph(NamedTuple):
     origin: str
     morph: Morph
     folder: Path | None
-    exact: ExactEnds | None = None
+    exact: ExactEnds | ExactKeys | None = None
     network: Morph | None = None
 
 
@@ -53,7 +54,7 @@ def load_morphs(config: Mapping[str, Any], command: str) -> list[LoadedMorph]:
     Args:
         config: Settings of the command. ``checkpoint`` names checkpoints or folders of runs, ``official`` names
             published morphs. ``growth`` is the change of volume relative to that of each morph (`build_growth`); its
-            default volumes are those of the two shapes before they were scaled to one volume, according to the
+            default volumes are those of the shapes before they were scaled to one volume, according to the
             checkpoint. ``ends`` selects the ends of checkpoints (`load_run`).
         command: Module of the command, for the error message.
 
@@ -81,10 +82,10 @@ def known_ends(ends: Any) -> str:
     return choice("ends", ends, ENDS)
 
 
-def exact_ends(morph: Morph, name: str) -> ExactEnds | None:
-    """The morph with its two shapes as exact ends; None if it has no velocity to advect detail, which is logged."""
+def exact_ends(morph: Morph, name: str) -> ExactEnds | ExactKeys | None:
+    """The morph that equals its shapes exactly; None if it has no velocity to advect detail, which is logged."""
     if morph.has_velocity:
-        return ExactEnds(morph)
+        return ExactEnds(morph) if len(morph.keys) == 2 else ExactKeys(morph)
     log.info("%s has no velocity to advect detail, so its ends are those of the network, as with ends=network", name)
     return None
 
@@ -95,7 +96,7 @@ def load_run(name: str, file: Path, ends: str, growth: Mapping[str, Any] | None 
     Args:
         name: Name of the morph in tables and pictures.
         file: Checkpoint.
-        ends: ``exact`` for the end shapes themselves at t = 0 and 1, ``network`` for what the networks learned of them.
+        ends: ``exact`` for the shapes themselves at their times, ``network`` for what the networks learned of them.
             Without a velocity, both are the network's (`exact_ends`).
         growth: Config of the change of volume, see `build_growth`.
     """
@@ -115,19 +116,21 @@ def load_published(name: str, growth: Mapping[str, Any] | None = None) -> Loaded
 
 def _grown(morph: Morph, config: Mapping[str, Any] | None) -> Morph:
     """Apply the growth of a configuration to a morph; without one, return the morph itself."""
-    scales = [float(morph.provenance.get(end, {}).get("scale", 1.0)) for end in ("source", "target")]
-    source, target = (scale**-morph.dim for scale in scales)  # 1 for a shape that was not scaled
-    growth = build_growth(config, morph.dim, (source, target))
+    known = morph.provenance
+    origins = [known.get("source", {}), *known.get("between", ()), known.get("target", {})]
+    scales = [float(origin.get("scale", 1.0)) for origin in origins]  # 1 for a shape that was not scaled
+    own = {key.time: scale**-morph.dim for key, scale in zip(morph.keys, scales, strict=True)}
+    growth = build_growth(config, morph.dim, own)
     return morph if growth is None else Grown(morph, growth)
 
 
-def build_growth(config: Mapping[str, Any] | None, dim: int, own: tuple[float, float] = (1.0, 1.0)) -> Growth | None:
+def build_growth(config: Mapping[str, Any] | None, dim: int, own: Mapping[float, float] = UNSCALED) -> Growth | None:
     """Instantiate the growth of a configuration; None for one without a ``_target_`` (``growth=none``).
 
     Args:
         config: ``_target_``, a subclass of `Growth`, and its arguments.
         dim: Dimension d of space.
-        own: Relative volumes of the two shapes before they were scaled to one volume.
+        own: Relative volumes of the shapes, by their times, before they were scaled to one volume.
 
     Raises:
         InputError: If the target is not a growth, or does not take these arguments.

@@ -1,4 +1,4 @@
-"""The command ``nsm morph a.obj b.obj -o film.mp4``: two shape files in, a film, an animation, or meshes out."""
+"""The command ``nsm morph a.obj b.obj -o film.mp4``: shape files in, a film, an animation, or meshes out."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: list[str]) -> None:
-    """Morph one shape into another and write the result.
+    """Morph shapes into each other and write the result.
 
     Args:
         arguments: Command line after ``nsm morph``.
@@ -52,14 +52,18 @@ def main(arguments: list[str]) -> None:
     whole_number("frames", given.frames, least=2, example=FRAMES)
     whole_number("resolution", given.resolution, least=8, example=RESOLUTION)
     output = _output(given)
+    source, *between, target = _shapes(given.shapes)
     result = morph(
-        given.source,
-        given.target,
+        source,
+        target,
+        between=between,
+        times=None if given.times is None else _times(given.times),
         budget=given.budget,
         seed=given.seed,
         output=given.keep,
         source_settings=_settings("source", given.source_setting),
         target_settings=_settings("target", given.target_setting),
+        between_settings=_settings("between", given.between_setting),
         align=given.align,
         landmarks=given.landmarks,
     )
@@ -70,19 +74,25 @@ def main(arguments: list[str]) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="nsm morph",
-        description="Morph one shape into another of the same volume, and write the result.",
+        description="Morph one shape into another of the same volume, by way of others if given, and write the result.",
         epilog=f"example: {_EXAMPLE}",
     )
     parser.add_argument(
-        "source",
-        help="shape at the start: the file of a mesh, points, a volume of labels, an image or drawing, a network, or a "
-        "fitted shape; or a name such as bunny",
+        "shapes",
+        nargs="+",
+        metavar="shape",
+        help="two or more shapes, from the first to the last: each the file of a mesh, points, a volume of labels, an "
+        "image or drawing, a network, or a fitted shape; or a name such as bunny",
     )
-    parser.add_argument("target", help="shape at the end")
+    parser.add_argument(
+        "--times",
+        metavar="T,T,…",
+        help="times of all shapes, from 0 to 1, such as 0,0.4,1 (default: evenly spaced)",
+    )
     kinds = ", ".join(suffix for suffix in OUTPUTS if suffix)
     parser.add_argument(
         "-o", "--output", metavar="PATH", help=f"file that ends in {kinds}, or a folder for meshes; by default a folder"
-        " named after both shapes",
+        " named after the first and the last shape",
     )  # fmt: skip
     parser.add_argument("--budget", default="full", help="training budget, fast or full (default: %(default)s)")
     parser.add_argument(
@@ -104,13 +114,27 @@ def _parser() -> argparse.ArgumentParser:
         "--resolution", type=int, default=RESOLUTION, metavar="N", help="cells along the box (default: %(default)s)"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of all random numbers")
-    for side, example in (("source", "label=3"), ("target", "up=[0,0,1]")):
+    for side, which in (("source", "the first shape"), ("target", "the last shape"), ("between", "all shapes between")):
         parser.add_argument(
             f"--{side}-setting", action="append", default=[], metavar="NAME=VALUE",
-            help=f"setting of the {side} shape, such as {example}; may be repeated",
+            help=f"setting of {which}, such as label=3 or up=[0,0,1]; may be repeated",
         )  # fmt: skip
     parser.add_argument("--keep", metavar="FOLDER", help="folder that keeps the training run and its checkpoints")
     return parser
+
+
+def _shapes(given: Sequence[str]) -> Sequence[str]:
+    if len(given) < 2:
+        raise InputError(f"`nsm morph` must be given two or more shapes, got {given[0]} alone. Try `{_EXAMPLE}`.")
+    return given
+
+
+def _times(text: str) -> list[float]:
+    """Times from the command line, ``0,0.4,1``."""
+    try:
+        return [float(time) for time in text.split(",")]
+    except ValueError:
+        raise InputError(f"`--times` must be numbers with commas between, got {text}. Try `--times 0,0.4,1`.") from None
 
 
 def _settings(side: str, typed: Sequence[str]) -> dict[str, Any]:
@@ -129,7 +153,7 @@ def _settings(side: str, typed: Sequence[str]) -> dict[str, Any]:
 def _output(given: argparse.Namespace) -> Path:
     """The file or folder to write, checked before training begins."""
     if given.output is None:
-        return Path(f"{Path(given.source).stem}_{Path(given.target).stem}")
+        return Path(f"{Path(given.shapes[0]).stem}_{Path(given.shapes[-1]).stem}")
     output = Path(given.output)
     suffix = output.suffix.lower()
     if suffix not in OUTPUTS:

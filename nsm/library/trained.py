@@ -28,7 +28,7 @@ from nsm.plots.strip import render_strip
 from nsm.render.film import SIZE, Pace, render_film
 from nsm.render.film import SUFFIXES as FILMS
 from nsm.shapes.download import file_sha256
-from nsm.types import Morph, Networks, Times
+from nsm.types import Key, Morph, Networks, SignedDistance, Times
 
 #: Cells along the longest edge of the box on which surfaces are extracted.
 RESOLUTION = 128
@@ -68,6 +68,11 @@ class TrainedMorph(Morph):
     def velocity(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, "n d"] | None:
         """Evaluate the velocity, shape (n, d), in units of length per unit of t; None for a method without one."""
         return self._morph.velocity(x, t)
+
+    @property
+    def keys(self) -> tuple[Key[SignedDistance], ...]:
+        """Shapes that the morph passes through."""
+        return self._morph.keys
 
     @property
     def has_velocity(self) -> bool:
@@ -216,8 +221,8 @@ def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu",
     Args:
         path: A checkpoint, or the folder of a run, whose ``checkpoints/best.ckpt`` is read.
         device: Where its networks are evaluated.
-        ends: ``exact`` for the shapes themselves at t = 0 and 1 (`nsm.ExactEnds`), which is what every command shows;
-            ``network`` for the networks alone. Without a velocity, both are the networks.
+        ends: ``exact`` for the shapes themselves at their times (`nsm.ExactEnds`, `nsm.ExactKeys`), as every command
+            shows them; ``network`` for the networks alone. Without a velocity, both are the networks.
 
     Raises:
         InputError: If there is no such checkpoint, or it cannot be read, or ``ends`` is neither.

@@ -46,13 +46,16 @@ def morph(
     method: str = "adadiv",
     seed: int = 0,
     ends: str = "exact",
+    between: Sequence[ShapeLike] = (),
+    times: Sequence[float] | None = None,
     landmarks: LandmarksLike | None = None,
     output: str | os.PathLike[str] | None = None,
     source_settings: Mapping[str, Any] | None = None,
     target_settings: Mapping[str, Any] | None = None,
+    between_settings: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> TrainedMorph:
-    """Train a morph between two shapes, as ``python -m nsm.train`` does.
+    """Train a morph between two or more shapes, as ``python -m nsm.train`` does.
 
     Args:
         source: Shape at t = 0: a `trimesh.Trimesh` or `trimesh.PointCloud`, the path of a file, a pair of vertices
@@ -64,6 +67,8 @@ def morph(
         method: A file in ``conf/method``.
         seed: Seed of all random numbers.
         ends: ``exact`` or ``network``, as for `load_morph`.
+        between: Shapes that the morph passes through on its way from the source to the target, in order.
+        times: Times of all shapes, from 0 for the source to 1 for the target; None spaces them evenly.
         landmarks: Corresponding points that V carries from the source to the target, in the coordinates of the shapes
             as given: the path of a CSV file, a pair of arrays (k, d) on the source and on the target, or the name of a
             file in ``conf/landmarks``.
@@ -71,6 +76,7 @@ def morph(
         source_settings: Settings of the source, such as ``{"label": 3}`` for a volume of labels or
             ``{"up": [0, 0, 1]}``, by their names in ``conf/shape``.
         target_settings: Settings of the target.
+        between_settings: Settings of every shape between them.
         options: Any other choice or setting of ``conf/train.yaml``: a choice by the name of its file
             (``velocity="nulldiv"``), settings of a group as a dictionary (``optimizer={"lr": 5e-4}``).
 
@@ -90,37 +96,49 @@ def morph(
     ends = known_ends(ends)
     with tempfile.TemporaryDirectory(prefix="nsm-") as temporary:
         folder = Path(temporary if output is None else output).resolve()
-        shapes = [*_shape("source", source, folder), *_shape("target", target, folder)]
+        names = [f"between.key{number}" for number in range(1, len(between) + 1)]
+        places = dict(zip(["source", *names, "target"], [source, *between, target], strict=True))
+        shapes = [override for place, shape in places.items() for override in _shape(place, shape, folder)]
         shapes += [] if landmarks is None else _landmarks(landmarks, folder)
-        settings = {"source": source_settings, "target": target_settings}
+        settings = {"source": source_settings, "target": target_settings, **dict.fromkeys(names, between_settings)}
         choices = {"callbacks": "none", "budget": budget, "method": method, **options, "seed": seed}
-        choices |= {side: given for side, given in settings.items() if given}
-        _train(folder, shapes, choices if steps is None else {**choices, "steps": steps})
+        choices |= {place: given for place, given in settings.items() if given}
+        choices |= {name: value for name, value in (("steps", steps), ("times", times)) if value is not None}
+        _train(folder, shapes, choices)
         return load_morph(folder, ends=ends)
 
 
-def _shape(side: str, shape: ShapeLike, folder: Path) -> list[str]:
+def _shape(place: str, shape: ShapeLike, folder: Path) -> list[str]:
     """The overrides that choose a shape; one that is in memory is first written to the folder of the run."""
     if isinstance(shape, str) and shape in _variants("shape"):
-        return [f"shape@{side}={shape}"]
+        return [_chosen(place, shape)]
     if isinstance(shape, str | os.PathLike):
         path = Path(shape).expanduser()
-        return [f"shape@{side}=file", f"{side}.path={_literal(str(path.resolve() if path.exists() else shape))}"]
+        return _from_file(place, "file", path.resolve() if path.exists() else shape)
     if isinstance(shape, trimesh.PointCloud | np.ndarray):
-        points = folder / f"{side}.npy"
+        points = folder / f"{place}.npy"
         folder.mkdir(parents=True, exist_ok=True)
         np.save(points, shape if isinstance(shape, np.ndarray) else np.asarray(shape.vertices))
-        return [f"shape@{side}=points", f"{side}.path={_literal(str(points))}"]
+        return _from_file(place, "points", points)
     vertices, faces = (shape.vertices, shape.faces) if isinstance(shape, trimesh.Trimesh) else shape
     arrays = torch.as_tensor(np.asarray(vertices, dtype=np.float64)), torch.as_tensor(np.asarray(faces, dtype=np.int64))
     if any(array.ndim != 2 or array.shape[1] != 3 for array in arrays):
         raise InputError(
-            f"`{side}` must be vertices of shape (v, 3) and faces of shape (m, 3), got {tuple(arrays[0].shape)} and "
+            f"`{place}` must be vertices of shape (v, 3) and faces of shape (m, 3), got {tuple(arrays[0].shape)} and "
             f"{tuple(arrays[1].shape)}. Try the path of a mesh."
         )
-    file = folder / f"{side}.ply"
+    file = folder / f"{place}.ply"
     write_mesh(file, SimplexMesh(*arrays))
-    return [f"shape@{side}=mesh", f"{side}.path={_literal(str(file))}"]
+    return _from_file(place, "mesh", file)
+
+
+def _from_file(place: str, kind: str, path: str | os.PathLike[str]) -> list[str]:
+    return [_chosen(place, kind), f"{place}.path={_literal(str(path))}"]
+
+
+def _chosen(place: str, kind: str) -> str:
+    """The override that chooses a file of ``conf/shape``; shapes between the ends are not in the default list."""
+    return f"{'+' if '.' in place else ''}shape@{place}={kind}"
 
 
 def _landmarks(landmarks: LandmarksLike, folder: Path) -> list[str]:

@@ -1,4 +1,4 @@
-"""The volume that f encloses at both ends."""
+"""The volume that f encloses where it must equal a shape."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from nsm.losses.evaluation import BatchEvaluation
 
 
 class EndVolume(Term):
-    """The mean of f over each end surface, which to first order is the error of the enclosed volume.
+    """The mean of f over the surface of each shape, which to first order is the error of the enclosed volume.
 
     A surface displaced by f/‖∇f‖ changes the volume by the integral of that displacement. `SurfaceDirichlet` bounds its
-    size; this term removes its mean, for example where edges are rounded off. The residual has two entries, one for
-    each end.
+    size; this term removes its mean, for example where edges are rounded off. The residual has one entry for each
+    shape that the morph passes through.
     """
 
-    def residual(self, evaluation: BatchEvaluation) -> Float[Tensor, 2]:
+    def residual(self, evaluation: BatchEvaluation) -> Float[Tensor, " k"]:
         surface = evaluation.batch.surface
         value, time = evaluation.f.value[surface], evaluation.batch.points[surface, -1]
-        return torch.stack([value[end].mean() for end in (time < 0.5, time >= 0.5)])
+        return torch.stack([value[time == key].mean() for key in time.unique()])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import torch
@@ -12,9 +13,10 @@ from nsm.cli.errors import InputError
 from nsm.fields.scalar import ScalarNetwork
 from nsm.fields.velocity import Velocity
 from nsm.sampling.batch import Batch
+from nsm.sampling.moving import nearest_key
 from nsm.shapes.base import FieldShape
 from nsm.shapes.landmarks import LandmarkPairs
-from nsm.types import Jet, VectorJet
+from nsm.types import Jet, Key, VectorJet
 
 
 class BatchEvaluation:
@@ -26,7 +28,7 @@ class BatchEvaluation:
         velocity: The velocity V, or None for a method or a shape without one.
         landmarks: Corresponding points of source and target, or None.
         progress: Fraction of training that has passed, in [0, 1].
-        ends: The shapes at t = 0 and t = 1, for terms that need more than the targets of the batch.
+        keys: The shapes that the morph passes through, for terms that need more than the targets of the batch.
 
     Example:
         >>> import torch
@@ -47,10 +49,10 @@ class BatchEvaluation:
         velocity: Velocity | None = None,
         landmarks: LandmarkPairs | None = None,
         progress: float = 1.0,
-        ends: tuple[FieldShape, FieldShape] | None = None,
+        keys: Sequence[Key[FieldShape]] = (),
     ) -> None:
         self.batch, self.field, self._velocity = batch, field, velocity
-        self.landmarks, self.progress, self._ends = landmarks, progress, ends
+        self.landmarks, self.progress, self._keys = landmarks, progress, keys
         self.dim = batch.normals.shape[1]
 
     @cached_property
@@ -81,13 +83,13 @@ class BatchEvaluation:
 
     @cached_property
     def known_gradients(self) -> Float[Tensor, "m d"]:
-        """Gradients ∇g of the end shapes: unit normals at surface points, then gradients at ambient points."""
-        if self._ends is None:
-            raise ValueError("`ends` must be the two end shapes for this loss term, got None. Try `ends=(g0, g1)`.")
+        """Gradients ∇g of the shapes: unit normals at surface points, then gradients at ambient points."""
+        if not self._keys:
+            raise ValueError("`keys` must be the shapes of the morph for this loss term, got none. Try `morph.keys`.")
         x, t = self.batch.points[self.batch.ambient].tensor_split([self.dim], dim=1)
-        gradients = torch.empty_like(x)
-        for shape, here in zip(self._ends, (t[:, 0] < 0.5, t[:, 0] >= 0.5), strict=True):
-            gradients[here] = shape.jet(x[here]).gradient
+        gradients, of = torch.empty_like(x), nearest_key(t[:, 0], self._keys)
+        for number, key in enumerate(self._keys):
+            gradients[of == number] = key.shape.jet(x[of == number]).gradient
         return torch.cat([self.batch.normals, gradients])
 
     @cached_property

@@ -7,9 +7,10 @@ from typing import NamedTuple, cast
 
 import torch
 
-from nsm.geometry.advection import VelocityField, advect
+from nsm.geometry.advected_mesh import advect_mesh
+from nsm.geometry.advection import VelocityField
 from nsm.geometry.distance import DistanceSummary, closest_points
-from nsm.geometry.topology import enclosed_volume, subdivided
+from nsm.geometry.topology import enclosed_volume
 from nsm.types import Morph, SimplexMesh
 
 
@@ -56,8 +57,9 @@ def check_advection(
     """Advect the surface at the first time by V, without projection, and compare it with the morph.
 
     A flow whose divergence vanishes on the moving surface keeps the volume inside (theorem 1 of the paper), and one
-    that solves the level set equation stays on the surface of f. The surface is advected with the midpoints of its
-    edges. Its volume without them, V_2h, and with them, V_h, give by Richardson extrapolation
+    that solves the level set equation stays on the surface of f. The surface is refined where the flow stretches it
+    (`nsm.geometry.advected_mesh`), and advected with the midpoints of its edges. Its volume without them, V_2h, and
+    with them, V_h, give by Richardson extrapolation
 
         V = V_h + (V_h − V_2h) / 3,    error = |V_h − V_2h| / 3.
 
@@ -72,13 +74,12 @@ def check_advection(
     """
     if not len(source.simplices) or not morph.has_velocity:
         return None
-    fine = subdivided(source)
-    advected = advect(cast(VelocityField, morph.velocity), fine.vertices, times)
-    corners = advected[:, : len(source.vertices)]
+    moved = advect_mesh(cast(VelocityField, morph.velocity), source, times)
+    corners = moved.positions[:, : len(source.vertices)]
     with_middles, without, growth = torch.tensor(
         [
-            [enclosed_volume(SimplexMesh(x.double(), fine.simplices)) for x in advected],
-            [enclosed_volume(SimplexMesh(x.double(), source.simplices)) for x in corners],
+            [enclosed_volume(SimplexMesh(x.double(), moved.fine_simplices)) for x in moved.fine_positions],
+            [enclosed_volume(SimplexMesh(x.double(), moved.simplices)) for x in moved.positions],
             [morph.wanted_volume(time) / morph.wanted_volume(times[0]) for time in times],
         ],
         dtype=torch.double,

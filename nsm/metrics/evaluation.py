@@ -44,7 +44,7 @@ class Evaluation(Measurements):
                     "deviations": curve.deviations.tolist(),
                     "beyond": self.volume_beyond,
                 },
-                "ends": [_end_dict(end) for end in self.ends],
+                "keys": [_key_dict(key) for key in self.keys],
                 "surfaces": [surface._asdict() for surface in self.surfaces],
                 "space": [{"shell": space.shell._asdict(), "box": space.box._asdict()} for space in self.space],
                 "motion": {
@@ -101,12 +101,12 @@ def evaluate_morph(
     return evaluation
 
 
-def _end_dict(end: EndpointErrors) -> dict[str, Any]:
-    return end._asdict() | {
-        "morph_to_shape": end.morph_to_shape._asdict(),
-        "shape_to_morph": end.shape_to_morph._asdict(),
-        "chamfer": end.chamfer,
-        "hausdorff": end.hausdorff,
+def _key_dict(key: EndpointErrors) -> dict[str, Any]:
+    return key._asdict() | {
+        "morph_to_shape": key.morph_to_shape._asdict(),
+        "shape_to_morph": key.shape_to_morph._asdict(),
+        "chamfer": key.chamfer,
+        "hausdorff": key.hausdorff,
     }
 
 

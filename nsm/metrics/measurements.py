@@ -20,17 +20,20 @@ from nsm.metrics.motion import Motion
 from nsm.metrics.protocol import Protocol
 from nsm.metrics.residuals import SpaceResiduals, space_residuals
 from nsm.metrics.surface import SurfaceFigures, surface_figures
-from nsm.metrics.volume_curve import VolumeCurve, even_times, volume_beyond, volume_curve
+from nsm.metrics.volume_curve import VolumeCurve, times_through, volume_beyond, volume_curve
 from nsm.shapes import FieldShape
 from nsm.types import Morph, SimplexMesh
 
-#: Times at which a morph is compared with its two shapes.
-ENDS = (0.0, 1.0)
-#: Number of stages that `Measurements` reports.
-STAGES = 8
+#: Number of stages that `Measurements` reports besides one for each key of the morph.
+_STAGES = 6
 #: The surface that is advected has cells this many times as large; with the midpoints of its edges it has as many
 #: vertices as the others.
 _ADVECTED_COARSER = 2
+
+
+def stages(morph: Morph) -> int:
+    """Number of stages that the measurements of a morph report."""
+    return len(morph.keys) + _STAGES
 
 
 class Measurements:
@@ -52,13 +55,13 @@ class Measurements:
     ) -> None:
         self.morph, self.protocol = morph, protocol
         self._progress, self._flow_error = progress, flow_error
-        self.times: list[float] = even_times(protocol.times).tolist()
+        self.times: list[float] = times_through(morph, protocol.times).tolist()
 
     @cached_property
     def volume(self) -> VolumeCurve:
         """Volume over time."""
         self._progress("volume over time")
-        return volume_curve(self.morph, even_times(self.protocol.times), self.protocol.volume_resolution)
+        return volume_curve(self.morph, times_through(self.morph, self.protocol.times), self.protocol.volume_resolution)
 
     @cached_property
     def file_volume(self) -> float | None:
@@ -78,17 +81,22 @@ class Measurements:
         return max(found, default=0.0) / start if start > 0 else float("nan")
 
     @cached_property
-    def ends(self) -> tuple[EndpointErrors, EndpointErrors]:
-        """Deviation from the source at t = 0 and from the target at t = 1."""
+    def keys(self) -> tuple[EndpointErrors, ...]:
+        """Deviation from each of the shapes at its time."""
         resolutions = self.protocol.surface_resolution, self.protocol.volume_resolution
-        self._progress("surface at t = 0")
-        source = endpoint_errors(self.morph, ENDS[0], self.morph.source, *resolutions)
-        self._progress("surface at t = 1")
-        return source, endpoint_errors(self.morph, ENDS[1], self.morph.target, *resolutions)
+        found = []
+        for key in self.morph.keys:
+            self._progress(f"surface at t = {key.time:g}")
+            found.append(endpoint_errors(self.morph, key.time, key.shape, *resolutions))
+        return tuple(found)
 
-    def end(self, time: float) -> EndpointErrors:
-        """Deviation from the shape at t = 0 or 1."""
-        return self.ends[ENDS.index(time)]
+    def number(self, time: float) -> int:
+        """Number of the time nearest to one, among those at which the morph is measured."""
+        return min(range(len(self.times)), key=lambda number: abs(self.times[number] - time))
+
+    def key(self, time: float) -> EndpointErrors:
+        """Deviation from the shape of the key at a time."""
+        return next(errors for errors in self.keys if errors.time == time)
 
     @cached_property
     def meshes(self) -> tuple[SimplexMesh, ...]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Self
 
-from nsm.metrics.measurements import ENDS, Measurements
+from nsm.metrics.measurements import Measurements
 from nsm.metrics.unit import Unit
 
 #: Separates the name of a figure from the time at which it was taken: ``volume error t=0``.
@@ -70,9 +70,9 @@ class Metric(ABC):
     def values(self, measured: Measurements) -> dict[str, float]:
         """Values by the name of their row; nan where one is not defined, nothing where it does not apply."""
 
-    @abstractmethod
-    def names(self) -> tuple[str, ...]:
-        """Names of the rows that this metric may fill, in order."""
+    def rows(self, names: Iterable[str]) -> list[str]:
+        """Those of some names of rows that are of this metric, each once, in order of time."""
+        return sorted({name for name in names if name.split(AT)[0] == self.name}, key=_time)
 
 
 class MorphMetric(Metric):
@@ -82,16 +82,15 @@ class MorphMetric(Metric):
         value = self.compute(measured)
         return {} if value is None else {self.name: float(value)}
 
-    def names(self) -> tuple[str, ...]:
-        return (self.name,)
 
-
-class EndMetric(Metric):
-    """A figure that is taken at t = 0 and at t = 1; its function takes the measurements and the time."""
+class KeyMetric(Metric):
+    """A figure that is taken at every key of a morph, such as t = 0 and 1; its function also takes that time."""
 
     def values(self, measured: Measurements) -> dict[str, float]:
-        found = {name: self.compute(measured, time) for name, time in zip(self.names(), ENDS, strict=True)}
+        found = {f"{self.name}{AT}{key.time:g}": self.compute(measured, key.time) for key in measured.morph.keys}
         return {name: float(value) for name, value in found.items() if value is not None}
 
-    def names(self) -> tuple[str, ...]:
-        return tuple(f"{self.name}{AT}{time:g}" for time in ENDS)
+
+def _time(row: str) -> float:
+    """Time at which the figure of a row was taken; 0 for one that belongs to no time."""
+    return float(row.partition(AT)[2] or 0)

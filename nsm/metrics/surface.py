@@ -6,12 +6,15 @@ import math
 from typing import NamedTuple
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from nsm.geometry import topology
 from nsm.geometry.distance import sample_mesh
+from nsm.geometry.projection import project_to_level
 from nsm.metrics.pieces import Pieces
 from nsm.metrics.residuals import divergence, level_set_residual, mean_magnitude, rate
-from nsm.types import Morph, SimplexMesh
+from nsm.types import Jet, Morph, SimplexMesh
 
 #: Points drawn on the surface.
 SAMPLES = 10_000
@@ -65,7 +68,7 @@ def surface_figures(morph: Morph, time: float, mesh: SimplexMesh) -> SurfaceFigu
     if not area > 0:
         return SurfaceFigures(time, *counts, 0.0, area, *[math.nan] * 6)
     generator = torch.Generator(mesh.vertices.device).manual_seed(0)
-    points = sample_mesh(mesh, SAMPLES, generator).points
+    points = _onto_surface(morph, sample_mesh(mesh, SAMPLES, generator).points, time)
     norm = morph.gradient(points, time).detach().norm(dim=1)
     residual = level_set_residual(morph, points, time)
     return SurfaceFigures(
@@ -80,3 +83,12 @@ def surface_figures(morph: Morph, time: float, mesh: SimplexMesh) -> SurfaceFigu
         mean_magnitude(None if residual is None else residual / norm),
         mean_magnitude(divergence(morph, points, time)),
     )
+
+
+def _onto_surface(morph: Morph, points: Float[Tensor, "n d"], time: float) -> Float[Tensor, "n d"]:
+    """Points of a mesh moved to the zero level of f; those where Newton's method fails stay.
+
+    A mesh deviates from that level by about the square of its cells. Quantities that vanish there, such as the
+    divergence of an adaptive-divergence velocity, would show the deviation of the mesh instead.
+    """
+    return project_to_level(lambda x: Jet(morph(x, time), morph.gradient(x, time)), points).points

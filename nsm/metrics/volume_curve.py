@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple
 
@@ -14,6 +15,8 @@ from nsm.types import Morph, SignedDistance
 
 #: Factor by which a box is enlarged to find volume beyond it, and by which the cells are larger there.
 _LARGER, _COARSER = 1.5, 2
+#: Times closer than this are one.
+_SAME_TIME = 1e-6
 
 
 class VolumeCurve(NamedTuple):
@@ -80,6 +83,23 @@ def even_times(count: int = 11) -> Float[Tensor, " k"]:
     [0.0, 0.25, 0.5, 0.75, 1.0]
     """
     return torch.arange(count, dtype=torch.double) / max(count - 1, 1)
+
+
+def times_through(morph: Morph, count: int = 11) -> Float[Tensor, " k"]:
+    """Evenly spaced times from 0 to 1 and those of the morph's keys, in increasing order, shape (k,).
+
+    Args:
+        morph: Morph.
+        count: Number of evenly spaced times.
+    """
+    return torch.tensor(with_key_times(morph, even_times(count).tolist()), dtype=torch.double)
+
+
+def with_key_times(morph: Morph, times: Iterable[float]) -> list[float]:
+    """Some times and those of the morph's keys, in increasing order, each once."""
+    found = list(times)
+    found += [key.time for key in morph.keys if all(abs(key.time - time) > _SAME_TIME for time in found)]
+    return sorted(found)
 
 
 def volume_curve(

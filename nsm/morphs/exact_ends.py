@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from nsm.cli.errors import InputError
 from nsm.geometry.advection import RungeKutta, advect
 from nsm.geometry.distance import sample_mesh
 from nsm.geometry.flow import FlowError, FlowMaps
@@ -58,7 +59,7 @@ class ExactEnds(Morph):
         detail_resolution: Cells along the box on which h₀ and h₁ are sampled; by default `DETAIL_RESOLUTION`.
 
     Raises:
-        InputError: If the morph has no velocity.
+        InputError: If the morph has no velocity, or passes through more than two shapes.
 
     Example:
         >>> from functools import partial
@@ -76,6 +77,11 @@ class ExactEnds(Morph):
     """
 
     def __init__(self, morph: Morph, flow_resolution: int | None = None, detail_resolution: int | None = None) -> None:
+        if len(morph.keys) != 2:
+            raise InputError(
+                f"`morph` must pass through two shapes to have exact ends, got {len(morph.keys)}. Try "
+                "`nsm.ExactKeys(morph)`."
+            )
         self._velocity = velocity_of(morph)
         self.morph, self.dim, self.bounds = morph, morph.dim, morph.bounds
         self.source, self.target, self.provenance = morph.source, morph.target, morph.provenance

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from nsm.cli.errors import InputError
 from nsm.shapes import FieldShape, Similarity
-from nsm.types import Morph, SignedDistance, Times
+from nsm.types import Key, Morph, SignedDistance, Times
 
 #: Ends of a morph, whose files have coordinates.
 ENDS = ("source", "target")
@@ -60,7 +60,8 @@ class FileCoordinates(Morph):
         self.morph, self.dim, self.provenance = morph, morph.dim, morph.provenance
         self.to_file = shape.similarity.inverse()
         self.bounds = _box_around(morph.bounds, self.to_file)
-        self.source, self.target = (_carried(each, self.to_file) for each in (morph.source, morph.target))
+        self._keys = tuple(Key(key.time, _transformed(key.shape, self.to_file)) for key in morph.keys)
+        self.source, self.target = self._keys[0].shape, self._keys[-1].shape
 
     def __call__(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         near, beyond = self._pulled_back(x)
@@ -71,6 +72,11 @@ class FileCoordinates(Morph):
         near, beyond = self._pulled_back(x)
         outward = torch.nn.functional.normalize(beyond, dim=1)
         return self.to_file.rotate(torch.where(beyond == 0, self.morph.gradient(near, t), outward)).to(x)
+
+    @property
+    def keys(self) -> tuple[Key[SignedDistance], ...]:
+        """Shapes of ``morph`` in the coordinates of the file."""
+        return self._keys
 
     @property
     def has_velocity(self) -> bool:
@@ -112,7 +118,7 @@ def _box_around(box: Float[Tensor, "2 d"], similarity: Similarity) -> Float[Tens
     return torch.stack([moved.amin(0), moved.amax(0)])
 
 
-def _carried(shape: SignedDistance, similarity: Similarity) -> SignedDistance:
+def _transformed(shape: SignedDistance, similarity: Similarity) -> SignedDistance:
     """A shape after a similarity."""
     if isinstance(shape, FieldShape):
         return shape.transformed(similarity)

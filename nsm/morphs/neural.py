@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from nsm.cli.settings import increasing, invalid
 from nsm.fields import ScalarNetwork, Velocity
 from nsm.morphs.networks import portable_networks
 from nsm.shapes import FieldShape
-from nsm.types import Jet, Morph, Networks, Times
+from nsm.types import Jet, Key, Morph, Networks, Times
 
 #: Number of points evaluated at once: large enough for full matrix products, small enough for any memory.
 CHUNK = 1 << 16
@@ -27,6 +28,11 @@ class NeuralMorph(nn.Module, Morph):
         source: Shape at t = 0, posed and scaled.
         target: Shape at t = 1.
         half_width: h of the box [−h, h]^d, which contains the morph until `enclose` sets another box.
+        between: Shapes that the morph passes through on its way, posed and scaled.
+        times: Times of all shapes from 0 for the source to 1 for the target; None for evenly spaced ones.
+
+    Raises:
+        InputError: If the times do not increase from 0 to 1, or there is not one for each shape.
 
     Attributes:
         bounds: Corners of the box, shape (2, d); part of the state, so that a checkpoint contains it.
@@ -53,16 +59,25 @@ class NeuralMorph(nn.Module, Morph):
         source: FieldShape,
         target: FieldShape,
         half_width: float = 1.0,
+        between: Sequence[FieldShape] = (),
+        times: Sequence[float] | None = None,
     ) -> None:
         super().__init__()
         self.dim = field.in_features - 1
         self.field, self.velocity_field = field, velocity
-        self.source, self.target = source, target
+        self.source, self.target, self.between = source, target, nn.ModuleList(between)
+        self.times = key_times(times, len(between) + 2)
         self.provenance = {"source": source.provenance(), "target": target.provenance()}
         if velocity is not None:
-            velocity.attach(field, target)
+            velocity.attach(field, self.keys)
         corner = torch.full((self.dim,), float(half_width))
         self.register_buffer("bounds", torch.stack([-corner, corner]))
+
+    @property
+    def keys(self) -> tuple[Key[FieldShape], ...]:
+        """Shapes that the morph passes through, in order of time."""
+        shapes = [self.source, *self.between, self.target]
+        return tuple(Key(time, shape) for time, shape in zip(self.times, shapes, strict=True))
 
     def enclose(self, box: Float[Tensor, "2 d"]) -> None:
         """Set ``bounds`` to a box that contains the moving shape at all times, corners of shape (2, d)."""
@@ -119,3 +134,26 @@ class NeuralMorph(nn.Module, Morph):
     @staticmethod
     def _in_chunks(function: Callable[[Tensor], Tensor], p: Tensor) -> Tensor:
         return torch.cat([function(chunk) for chunk in p.split(CHUNK)])
+
+
+def key_times(times: Sequence[float] | None, count: int) -> tuple[float, ...]:
+    """Times of all keys of a morph.
+
+    >>> key_times(None, 3)
+    (0.0, 0.5, 1.0)
+
+    Args:
+        times: Increasing times from 0 to 1; None for evenly spaced ones.
+        count: Number of keys.
+
+    Raises:
+        InputError: If the times do not increase from 0 to 1, or are not as many as the keys.
+    """
+    even = [round(number / (count - 1), 6) for number in range(count)]
+    if times is None:
+        return tuple(even)
+    example = f"[{','.join(f'{time:g}' for time in even)}]"
+    found = increasing("times", times, example)
+    if len(found) != count or (found[0], found[-1]) != (0, 1):
+        raise invalid("times", f"{count} times from 0 to 1, one for each shape", list(times), example)
+    return tuple(found)

@@ -2,7 +2,7 @@
 
 from nsm.sampling.batch import Batch, Fractions, MorphSampler, SdfSampler
 from nsm.sampling.domain import Box, UniformTime
-from nsm.sampling.moving import EndSurfaces, MovingSurface
+from nsm.sampling.moving import EndSurfaces, MovingSurface, nearest_key
 from nsm.sampling.pools import Pools
 
 __all__ = [
@@ -15,4 +15,5 @@ __all__ = [
     "Pools",
     "SdfSampler",
     "UniformTime",
+    "nearest_key",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -86,10 +87,10 @@ class Fractions:
 
 
 class MorphSampler:
-    """A sampler of batches for a morph, with equal numbers of points from the source (t = 0) and the target (t = 1).
+    """A sampler of batches for a morph, with equal numbers of points from each shape that it passes through.
 
     Args:
-        source, target: Pools of points with known targets.
+        pools: Points with known targets of each shape, by its time, in order of time.
         box: Distribution of interior points in space.
         time: Distribution of interior points in time.
         size: Number of points in a batch.
@@ -97,21 +98,20 @@ class MorphSampler:
     """
 
     def __init__(
-        self, source: Pools, target: Pools, box: Box, time: UniformTime, size: int, fractions: Fractions
+        self, pools: Mapping[float, Pools], box: Box, time: UniformTime, size: int, fractions: Fractions
     ) -> None:
-        self.ends, self.box, self.time = (source, target), box, time
+        self.pools, self.box, self.time = dict(pools), box, time
         self.counts = fractions.counts(size)
 
     def draw(self, generator: torch.Generator) -> Batch:
         """Draw a batch."""
         surface, ambient, interior = self.counts
-        on = [pools.surface(n, generator) for pools, n in zip(self.ends, _halves(surface), strict=True)]
-        around = [pools.ambient(n, generator) for pools, n in zip(self.ends, _halves(ambient), strict=True)]
+        pools, shares = self.pools.values(), [_shares(count, len(self.pools)) for count in (surface, ambient)]
+        on = [pool.surface(n, generator) for pool, n in zip(pools, shares[0], strict=True)]
+        around = [pool.ambient(n, generator) for pool, n in zip(pools, shares[1], strict=True)]
         space = torch.cat([*(s.points for s in on), *(s.points for s in around), self.box.draw(interior, generator)])
-        ends = torch.cat(
-            [torch.full((n,), float(t)) for count in (surface, ambient) for t, n in enumerate(_halves(count))]
-        )
-        when = torch.cat([ends, self.time.draw(interior, generator)]).to(space)
+        known = [torch.full((n,), time) for share in shares for time, n in zip(self.pools, share, strict=True)]
+        when = torch.cat([*known, self.time.draw(interior, generator)]).to(space)
         distances = torch.cat([space.new_zeros(surface), *(s.distances for s in around)])
         return Batch(torch.cat([space, when[:, None]], 1), distances, torch.cat([s.normals for s in on]))
 
@@ -138,5 +138,6 @@ class SdfSampler:
         return Batch(points, torch.cat([points.new_zeros(surface), around.distances]), on.normals)
 
 
-def _halves(n: int) -> tuple[int, int]:
-    return n - n // 2, n // 2
+def _shares(n: int, parts: int) -> list[int]:
+    """Split n points as evenly as possible, the larger shares first."""
+    return [n // parts + (part < n % parts) for part in range(parts)]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from nsm.cli import settings
 from nsm.sampling.batch import Batch
-from nsm.types import Jet, SignedDistance
+from nsm.types import Jet, Key, SignedDistance
 
 #: Lower bound on ‖∇f‖² when a point is projected to the surface.
 _MIN_SQUARED_SLOPE = 0.05
@@ -94,13 +96,13 @@ class MovingSurface(SurfacePoints):
 
 
 class EndSurfaces(SurfacePoints):
-    """A sampler that moves ambient points to f's own surface at t = 0 and t = 1, with their distance to the end shape.
+    """A sampler that moves ambient points to f's own surface at the time of a key, with their distance to its shape.
 
-    A component of f that does not belong to the end shape lies far from all points sampled around that shape, so only
-    points on f's own surface detect it. Half of the stored points are those farthest from the end shape, so that a
+    A component of f that does not belong to a key lies far from all points sampled around its shape, so only points on
+    f's own surface detect it. Half of the stored points are those farthest from the shape of their key, so that a
     small spurious component keeps its points until it disappears. Such a component usually lies where the shape is at
     other times; some further ambient points are therefore *visitors*, points of the moving surface at other times
-    evaluated at t = 0 or t = 1.
+    evaluated at the time of a key.
 
     Args:
         dim: Dimension d of space.
@@ -121,13 +123,13 @@ class EndSurfaces(SurfacePoints):
         self.dim, self.width, self.reach = dim, float(width), float(reach)
         visitors = settings.fraction("sampler.ends.visitors", visitors, example=0.25)
         self.visitors = min(round(visitors * ambient), ambient - len(self))
-        # a fixed permutation, so that both ends lose equally many of their sampled points
+        # a fixed permutation, so that all keys lose about equally many of their sampled points
         order = torch.randperm(ambient, generator=torch.Generator().manual_seed(0))
         self.register_buffer("chosen", order[: len(self) + self.visitors], persistent=False)
 
     @torch.no_grad()
     def place(
-        self, batch: Batch, moving: SurfacePoints, half_width: float, source: SignedDistance, target: SignedDistance
+        self, batch: Batch, moving: SurfacePoints, half_width: float, keys: Sequence[Key[SignedDistance]]
     ) -> Batch:
         """Replace ambient points of a batch by points near f's own surface and by visitors, with their distances.
 
@@ -135,17 +137,18 @@ class EndSurfaces(SurfacePoints):
             batch: A batch whose interior points are uniform in [−half_width, half_width]^d.
             moving: Points of the moving surface.
             half_width: Half the edge of the training box.
-            source, target: Signed distances of the end shapes.
+            keys: Signed distances of the shapes that the morph passes through.
         """
-        points = torch.cat([self._around(batch, half_width), self._visiting(moving)])
+        points = torch.cat([self._around(batch, half_width), self._visiting(moving, keys)])
         if not len(points):
             return batch
         index = batch.ambient.start + self.chosen[: len(points)]
-        space, at_start = points[:, : self.dim], points[:, -1] < 0.5
         everything, distances = batch.points.clone(), batch.distances.clone()
         everything[index] = points
-        distances[index[at_start]] = source(space[at_start])
-        distances[index[~at_start]] = target(space[~at_start])
+        of = nearest_key(points[:, -1], keys)
+        for number, key in enumerate(keys):
+            mine = of == number
+            distances[index[mine]] = key.shape(points[mine, : self.dim])
         return batch._replace(points=everything, distances=distances)
 
     @torch.no_grad()
@@ -167,14 +170,23 @@ class EndSurfaces(SurfacePoints):
         around[: len(drawn), : self.dim] += drawn * (self.width / half_width)
         return around
 
-    def _visiting(self, moving: SurfacePoints) -> Float[Tensor, "m k"]:
-        """Take points of the moving surface and set their times to 0 and 1 alternately."""
+    def _visiting(self, moving: SurfacePoints, keys: Sequence[Key[SignedDistance]]) -> Float[Tensor, "m k"]:
+        """Take points of the moving surface and set their times to those of the keys in turn."""
         if not moving.ready:
             return self.points[:0]
         turn = torch.arange(self.visitors, device=self.points.device)
         visitors = moving.points[turn % len(moving)]
-        visitors[:, -1] = turn % 2
+        visitors[:, -1] = torch.tensor([key.time for key in keys]).to(visitors)[turn % len(keys)]
         return visitors
+
+
+def nearest_key(t: Float[Tensor, " n"], keys: Sequence[Key[SignedDistance]]) -> Int[Tensor, " n"]:
+    """Number of the key whose time is nearest to each of n times, shape (n,).
+
+    >>> nearest_key(torch.tensor([0.0, 0.3, 1.0]), [Key(0.0, torch.norm), Key(0.4, torch.norm), Key(1.0, torch.norm)])
+    tensor([0, 1, 2])
+    """
+    return (t[:, None] - torch.tensor([key.time for key in keys]).to(t)).abs().argmin(1)
 
 
 def _onto_surface(p: Float[Tensor, "n k"], f: Jet, reach: float) -> tuple[Float[Tensor, "m k"], Bool[Tensor, " n"]]:

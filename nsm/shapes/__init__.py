@@ -1,4 +1,4 @@
-"""Shapes, which are the ends of a morph."""
+"""Shapes that a morph passes through."""
 
 from nsm.shapes.alignment import Aligned, Alignment, RigidAlignment, SharedCoordinates, SimilarityAlignment, Unaligned
 from nsm.shapes.base import FieldShape, Shape, working_box
@@ -6,7 +6,7 @@ from nsm.shapes.download import fetch, resolve
 from nsm.shapes.labels import LabelVolume
 from nsm.shapes.landmarks import LandmarkPairs, LandmarkPoints, Landmarks, LandmarkTable, LandmarkVertices
 from nsm.shapes.mesh import MeshFile, MeshShape
-from nsm.shapes.normalize import EqualVolume, PlacedPair, equal_volume, place_together
+from nsm.shapes.normalize import EqualVolume, Placed, equal_volume, place_together
 from nsm.shapes.outline import OutlineShape
 from nsm.shapes.points import PointCloud
 from nsm.shapes.primitive import Ball, Box, Capsule, Cylinder, Polygon, Primitive, Torus, Union
@@ -33,7 +33,7 @@ __all__ = [
     "MeshFile",
     "MeshShape",
     "OutlineShape",
-    "PlacedPair",
+    "Placed",
     "PointCloud",
     "Polygon",
     "Primitive",

@@ -1,8 +1,9 @@
-"""Normalization of a pair of shapes: equal volumes, and a common position and size in the box."""
+"""Normalization of the shapes of a morph: equal volumes, and a common position and size in the box."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -13,42 +14,39 @@ from nsm.shapes.similarity import Similarity
 
 log = logging.getLogger(__name__)
 
-#: Half the longest side of the bounding box of both shapes after `place_together`, which leaves a margin in [-1, 1]^d
+#: Half the longest side of the bounding box of all shapes after `place_together`, which leaves a margin in [-1, 1]^d
 #: for the motion between them.
 HALF_SIDE = 0.9
 
 
 class EqualVolume(NamedTuple):
-    """Two shapes of equal volume.
+    """Shapes of equal volume.
 
     Attributes:
-        source, target: The shapes.
-        source_scale, target_scale: Factors by which each was scaled about its own center.
+        shapes: The shapes.
+        scales: Factors by which each was scaled about its own center.
         volume: The common volume.
     """
 
-    source: FieldShape
-    target: FieldShape
-    source_scale: float
-    target_scale: float
+    shapes: tuple[FieldShape, ...]
+    scales: tuple[float, ...]
     volume: float
 
 
-class PlacedPair(NamedTuple):
-    """Two shapes that fill the box together.
+class Placed(NamedTuple):
+    """Shapes that fill the box together.
 
     Attributes:
-        source, target: The shapes.
-        similarity: The similarity applied to both.
+        shapes: The shapes.
+        similarity: The similarity applied to all of them.
     """
 
-    source: FieldShape
-    target: FieldShape
+    shapes: tuple[FieldShape, ...]
     similarity: Similarity
 
 
-def equal_volume(source: FieldShape, target: FieldShape) -> EqualVolume:
-    """Scale the larger of two shapes about the center of its bounding box to the volume of the smaller.
+def equal_volume(*shapes: FieldShape) -> EqualVolume:
+    """Scale shapes about the centers of their bounding boxes to the volume of the smallest.
 
     Scaling by s multiplies volumes by s^d, so s = (V_small / V_large)^(1/d), and the signed distance of the scaled
     shape is s g(x/s) (paper, section 7 and eq. 15).
@@ -59,28 +57,32 @@ def equal_volume(source: FieldShape, target: FieldShape) -> EqualVolume:
     Example:
         >>> from nsm.shapes import Ball, Box, equal_volume
         >>> ends = equal_volume(Ball(0.5), Box([1.0, 1.0, 1.0]))
-        >>> round(ends.volume, 4), round(ends.target_scale, 4)
+        >>> round(ends.volume, 4), round(ends.scales[1], 4)
         (0.5236, 0.806)
     """
-    _require_one_dimension(source, target)
-    volumes = source.volume(), target.volume()
-    for shape, value in zip((source, target), volumes, strict=True):
+    _require_one_dimension(shapes)
+    volumes = [shape.volume() for shape in shapes]
+    for shape, value in zip(shapes, volumes, strict=True):
         if not value > 0:
             raise InputError(
                 f"The volume of the `{shape.provenance()['kind']}` must be positive, got {value:g}. Try a closed shape."
             )
     small = min(volumes)
-    scales = [(small / value) ** (1 / source.dim) for value in volumes]
-    log.info("scaled shapes of volumes %.5g and %.5g by %.5f and %.5f", *volumes, *scales)
-    shapes = [
+    scales = tuple((small / value) ** (1 / shapes[0].dim) for value in volumes)
+    log.info(
+        "scaled shapes of volumes %s by %s",
+        " and ".join(f"{value:.5g}" for value in volumes),
+        " and ".join(f"{scale:.5f}" for scale in scales),
+    )
+    scaled = tuple(
         shape if scale == 1 else shape.transformed(Similarity.about(shape.exact_bounds().mean(0), scale))
-        for shape, scale in zip((source, target), scales, strict=True)
-    ]
-    return EqualVolume(shapes[0], shapes[1], scales[0], scales[1], small)
+        for shape, scale in zip(shapes, scales, strict=True)
+    )
+    return EqualVolume(scaled, scales, small)
 
 
-def place_together(source: FieldShape, target: FieldShape) -> PlacedPair:
-    """Apply one similarity to two shapes that centers their common bounding box and scales it to `HALF_SIDE`.
+def place_together(*shapes: FieldShape) -> Placed:
+    """Apply one similarity to shapes that centers their common bounding box and scales it to `HALF_SIDE`.
 
     The similarity has no rotation, and the relative position of the shapes does not change.
 
@@ -93,17 +95,19 @@ def place_together(source: FieldShape, target: FieldShape) -> PlacedPair:
         >>> pair.similarity.scale
         0.45
     """
-    _require_one_dimension(source, target)
-    boxes = torch.stack([source.exact_bounds(), target.exact_bounds()])
+    _require_one_dimension(shapes)
+    boxes = torch.stack([shape.exact_bounds() for shape in shapes])
     union = torch.stack([boxes[:, 0].amin(0), boxes[:, 1].amax(0)])
     similarity = Similarity.centering(union, HALF_SIDE)
-    log.info("scaled both shapes by %.5g to fill the box", similarity.scale)
-    return PlacedPair(source.transformed(similarity), target.transformed(similarity), similarity)
+    log.info("scaled all shapes by %.5g to fill the box", similarity.scale)
+    return Placed(tuple(shape.transformed(similarity) for shape in shapes), similarity)
 
 
-def _require_one_dimension(source: FieldShape, target: FieldShape) -> None:
-    if source.dim != target.dim:
-        raise InputError(
-            f"`target` must have the dimension of `source`, got {target.dim}D for a source in {source.dim}D. Try "
-            f"`shape@target={'disk' if source.dim == 2 else 'ball'}`."
-        )
+def _require_one_dimension(shapes: Sequence[FieldShape]) -> None:
+    dim = shapes[0].dim
+    for shape in shapes:
+        if shape.dim != dim:
+            raise InputError(
+                f"Every shape must have the dimension of the first, {dim}D, got a {shape.provenance()['kind']} in "
+                f"{shape.dim}D. Try `shape@target={'disk' if dim == 2 else 'ball'}`."
+            )

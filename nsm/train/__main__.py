@@ -23,16 +23,17 @@ from nsm.cli.settings import choice, use_threads, whole_number
 from nsm.io.build import build
 from nsm.io.checkpoint import describe
 from nsm.sampling import Fractions, MorphSampler
+from nsm.shapes import Shape
 from nsm.shapes.landmarks import warn_of_distant
 from nsm.train.callbacks import Checkpoints, ExitOnSignal, MorphWriter, Progress, StopOnSignal
 from nsm.train.optimal_transport import transport_run
 from nsm.train.recovery import fit_with_recovery, require_same_run
 from nsm.train.summary import Summary
-from nsm.train.tasks import FieldData, FieldTask, MorphTask, draw_pools, prepare_ends, starting_network
+from nsm.train.tasks import FieldData, FieldTask, Keys, MorphTask, SdfFit, draw_pools, prepare_keys, starting_network
 
 log = logging.getLogger(__name__)
 
-#: Points on the end shapes, half of them on each, at which validation measures a morph.
+#: Points on the shapes, equally many on each, at which validation measures a morph.
 VALIDATION_POINTS = 8000
 #: Instantiates ``_target_`` from plain lists and dicts: no part of the configuration object may enter a checkpoint.
 instantiate = partial(hydra_instantiate, _convert_="all")
@@ -134,46 +135,52 @@ def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary
         return None
     begin = time.monotonic()
     method = instantiate(cfg.task.transport)
-    shapes = instantiate(cfg.source), instantiate(cfg.target)
-    ends = prepare_ends(*shapes, _fit(cfg, config), equal=cfg.equal_volume, align=instantiate(cfg.align))
+    if cfg.between:
+        raise InputError(
+            f"`between` must be empty for optimal transport, which morphs between two shapes, got {len(cfg.between)} "
+            "more. Try `method=adadiv`."
+        )
+    ends = _keys(cfg, _shapes(cfg), _fit(cfg, config))
     prepared = time.monotonic() - begin
     writers = [callback for callback in instantiate(cfg.callbacks).values() if isinstance(callback, MorphWriter)]
     return replace(transport_run(method, ends, config, writers, folder), preparing=prepared)
 
 
 def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
-    source, target = instantiate(cfg.source), instantiate(cfg.target)
-    landmarks = instantiate(cfg.landmarks).read(source.dim) if cfg.landmarks else None
+    shapes = _shapes(cfg)
+    landmarks = instantiate(cfg.landmarks).read(shapes[0].dim) if cfg.landmarks else None
     fit = _fit(cfg, config)
-    ends = prepare_ends(source, target, fit, equal=cfg.equal_volume, align=instantiate(cfg.align))
-    dim, provenance, placed = ends.source.dim, ends.provenance, None
+    found = _keys(cfg, shapes, fit)
+    dim, provenance, placed = found.source.dim, found.provenance, None
     if landmarks is not None:
-        placed = landmarks.place(ends.source, ends.target)
-        warn_of_distant(placed, ends.source, ends.target)
+        placed = landmarks.place(found.source, found.target)
+        warn_of_distant(placed, found.source, found.target)
         provenance = provenance | {"landmarks": landmarks.provenance()}
     model = {
         "_target_": "nsm.morphs.neural.NeuralMorph",
         "field": {**config["field"], "in_features": dim + 1},
         "velocity": {**config["velocity"], "dim": dim} if config["velocity"] else None,
-        "source": ends.source.config(),
-        "target": ends.target.config(),
+        "source": found.source.config(),
+        "target": found.target.config(),
+        "between": [key.shape.config() for key in found.keys[1:-1]],
+        "times": [key.time for key in found.keys],
     }
     morph = build(model)
-    morph.source.load_state_dict(ends.source.state_dict())
-    morph.target.load_state_dict(ends.target.state_dict())
+    for key, prepared in zip(morph.keys, found.keys, strict=True):
+        key.shape.load_state_dict(prepared.shape.state_dict())
     init = instantiate(cfg.init)
-    init(morph.field, starting_network(morph.field, ends.source, fit) if init.needs_source else None)
+    init(morph.field, starting_network(morph.field, found.source, fit) if init.needs_source else None)
 
     sampler = instantiate(cfg.sampler)
     box = sampler["box"](dim=dim)
-    pools = (
-        draw_pools(ends.source, sampler["pool"], cfg.seed, box.half_width),
-        draw_pools(ends.target, sampler["pool"], cfg.seed + 1, box.half_width),
-    )
+    pools = {
+        key.time: draw_pools(key.shape, sampler["pool"], cfg.seed + number, box.half_width)
+        for number, key in enumerate(found.keys)
+    }
     _, ambient, interior = sampler["fractions"].counts(sampler["size"])
     data = FieldData(
-        MorphSampler(*pools, box, sampler["time"], sampler["size"], sampler["fractions"]),
-        MorphSampler(*pools, box, sampler["time"], VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
+        MorphSampler(pools, box, sampler["time"], sampler["size"], sampler["fractions"]),
+        MorphSampler(pools, box, sampler["time"], VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
         cfg.seed,
     )
     task = MorphTask(
@@ -190,6 +197,16 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
     )
     task.description = describe(model, config, provenance)
     return task, data, cfg.steps
+
+
+def _shapes(cfg: DictConfig) -> list[Shape]:
+    """The shapes of a configuration, in order of time."""
+    return [instantiate(shape) for shape in (cfg.source, *cfg.between.values(), cfg.target)]
+
+
+def _keys(cfg: DictConfig, shapes: list[Shape], fit: SdfFit) -> Keys:
+    """The shapes of a configuration, ready for a morph."""
+    return prepare_keys(shapes, fit, equal=cfg.equal_volume, align=instantiate(cfg.align), times=cfg.times)
 
 
 def _prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:

@@ -15,11 +15,11 @@ from nsm.metrics import even_times, volume_curve
 from nsm.morphs.optimal_transport.solver import OptimalTransport
 from nsm.train.callbacks import MorphWriter
 from nsm.train.summary import Summary
-from nsm.train.tasks import Ends
+from nsm.train.tasks import Keys
 
 
 def transport_run(
-    method: OptimalTransport, ends: Ends, config: Mapping[str, Any], writers: Sequence[MorphWriter], folder: Path
+    method: OptimalTransport, ends: Keys, config: Mapping[str, Any], writers: Sequence[MorphWriter], folder: Path
 ) -> Summary:
     """Compute a morph, and write its checkpoints and the files of the run's callbacks.
 

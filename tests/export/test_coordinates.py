@@ -22,7 +22,7 @@ from nsm.morphs.file_coordinates import FileCoordinates
 from nsm.morphs.neural import NeuralMorph
 from nsm.morphs.surfaces import extract_frame
 from nsm.shapes import Ball, MeshFile, RigidAlignment, SharedCoordinates, Similarity, SimilarityAlignment, SirenShape
-from nsm.train.tasks import SdfFit, prepare_ends
+from nsm.train.tasks import SdfFit, prepare_keys
 
 NO_FIT = mock.Mock(spec=SdfFit)
 #: What a scanner of other units may do to a mesh.
@@ -46,7 +46,7 @@ def test_an_aligned_mesh_returns_to_its_own_file(move: Similarity, data_dir: Pat
     source = MeshFile(write(tmp_path / "a.obj", vertices, mesh.faces))
     target = MeshFile(write(tmp_path / "b.obj", moved, mesh.faces))
     align = RigidAlignment() if move.scale == 1 else SimilarityAlignment()
-    ends = prepare_ends(source, target, NO_FIT, align=align)
+    ends = prepare_keys([source, target], NO_FIT, align=align)
     x = torch.rand(200, 3) - 0.5
     torch.testing.assert_close(ends.target(x), ends.source(x), atol=1e-4, rtol=0)  # they coincide in the box
     for shape, own in ((ends.source, vertices), (ends.target, moved)):
@@ -66,7 +66,7 @@ def test_an_export_lands_on_the_aligned_targets_file(move: Similarity, tmp_path:
     pose = Similarity.read({"rotation": [10, 20, 30]}, 3)
     # the file of the target holds the same shape after the move, and its pose undoes a part of it
     target = shape(pose=move.inverse())
-    ends = prepare_ends(shape().transformed(pose), target, NO_FIT, align=SimilarityAlignment())
+    ends = prepare_keys([shape().transformed(pose), target], NO_FIT, align=SimilarityAlignment())
     morph = NeuralMorph(bowl(3, 2.5, 0.0), None, ends.source, ends.target).requires_grad_(False)
     SourceInit()(morph.field, ends.source.folded())
     file = save(morph, tmp_path / "a.ckpt", provenance=ends.provenance)
@@ -93,7 +93,7 @@ def test_shared_coordinates_survive_a_morph_and_its_export(tmp_path: Path) -> No
         ball = trimesh.creation.icosphere(4, radius)
         ball.apply_translation([x, 50, 0])
         balls.append(MeshFile(write(tmp_path / f"{name}.obj", torch.tensor(np.array(ball.vertices)), ball.faces)))
-    ends = prepare_ends(*balls, NO_FIT, equal=False, align=SharedCoordinates())
+    ends = prepare_keys(balls, NO_FIT, equal=False, align=SharedCoordinates())
     torch.testing.assert_close(ends.source.similarity.translation, ends.target.similarity.translation)
     assert ends.source.similarity.scale == pytest.approx(ends.target.similarity.scale)
     in_mm = FileCoordinates(

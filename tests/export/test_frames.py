@@ -25,7 +25,7 @@ from nsm.io.checkpoint import load_morph
 from nsm.morphs import surfaces as frames
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball, MeshFile, Similarity, SirenShape, equal_volume
-from nsm.train.tasks import SdfFit, prepare_ends
+from nsm.train.tasks import SdfFit, prepare_keys
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -88,10 +88,10 @@ def test_in_the_coordinates_of_a_file_its_fit_pose_and_scale_are_undone(larger: 
     shape = SirenShape.from_network(own).transformed(place)
     other = Ball(0.42) if larger == "source" else Ball(0.7)
     ends = equal_volume(shape, other)
-    assert (ends.source_scale < 1) == (larger == "source")
-    morph = NeuralMorph(bowl(3, 2.5, 0.0), None, ends.source, ends.target).requires_grad_(False)
-    SourceInit()(morph.field, ends.source.folded())
-    assert ends.source.provenance()["similarity"] == morph.source.similarity.to_config()
+    assert (ends.scales[0] < 1) == (larger == "source")
+    morph = NeuralMorph(bowl(3, 2.5, 0.0), None, *ends.shapes).requires_grad_(False)
+    SourceInit()(morph.field, ends.shapes[0].folded())
+    assert ends.shapes[0].provenance()["similarity"] == morph.source.similarity.to_config()
     file = save(morph, tmp_path / "a.ckpt")
 
     for frame in ("morph", "source", "target"):
@@ -117,7 +117,7 @@ def test_a_mesh_in_any_units_and_place_gets_its_own_coordinates_and_volume_back(
     vertices = scale * rows.vertices * np.array([0.5, 0.3, 0.8]) + 100
     lines = [f"v {x:.17g} {y:.17g} {z:.17g}" for x, y, z in vertices]
     (tmp_path / "a.obj").write_text("\n".join(lines + [f"f {a} {b} {c}" for a, b, c in rows.faces + 1]) + "\n")
-    ends = prepare_ends(MeshFile(str(tmp_path / "a.obj")), Ball(0.3), mock.Mock(spec=SdfFit))
+    ends = prepare_keys([MeshFile(str(tmp_path / "a.obj")), Ball(0.3)], mock.Mock(spec=SdfFit))
     morph = NeuralMorph(bowl(3, 2.5, 0.0), None, ends.source, ends.target).requires_grad_(False)
     file = save(morph, tmp_path / "a.ckpt", provenance=ends.provenance)
     (tmp_path / "a.obj").unlink()  # the checkpoint holds the mesh

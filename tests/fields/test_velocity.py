@@ -25,11 +25,16 @@ from nsm.fields import (
     VectorSiren,
     Velocity,
 )
-from nsm.types import Jet
+from nsm.types import Jet, Key, SignedDistance
 
 VELOCITIES = sorted(p.stem for p in (CONF / "velocity").glob("*.yaml") if p.stem != "none")
 #: Those that have a network of their own.
 LEARNED = [name for name in VELOCITIES if name != "nise"]
+
+
+def between(target: SignedDistance) -> list[Key]:
+    """Keys of a morph to a target from anywhere."""
+    return [Key(0.0, lambda x: x.norm(dim=1) - 1), Key(1.0, target)]
 
 
 def velocity_of(name: str, dim: int) -> Velocity:
@@ -40,7 +45,7 @@ def velocity_of(name: str, dim: int) -> Velocity:
         "network.velocity.first_omega=2",
     ]
     velocity = instantiate(composed(f"velocity={name}", *small).velocity, dim=dim, _convert_="all").double()
-    velocity.attach(field_of(dim), target_of(dim))
+    velocity.attach(field_of(dim), between(target_of(dim)))
     return velocity
 
 
@@ -193,7 +198,7 @@ def test_a_flow_without_divergence_keeps_the_area_of_a_polygon() -> None:
 def test_the_velocity_of_nise_is_its_formula_and_its_divergence_the_trace(dim: int, scale: float, decay: float) -> None:
     velocity, field, p = Nise(dim, scale, decay), field_of(dim), points(15, dim)
     goal = ScalarSiren(dim, 8, 2, omega=2.0).double()
-    velocity.attach(field, goal)
+    velocity.attach(field, between(goal))
 
     def value(q: Tensor) -> Tensor:
         gradient = vmap(jacrev(lambda r: field(r[None])[0]))(q)[:, :dim]
@@ -213,9 +218,9 @@ def test_nise_stops_where_f_is_the_target_and_moves_outwards_where_the_target_is
     length = x.norm(dim=1)
     p, ball = torch.cat([x, x[:, :1]], 1), Jet(length - 0.5, torch.cat([x / length[:, None], x[:, :1] * 0], 1))
     velocity = Nise(3)
-    velocity.attach(field_of(3), lambda y: y.norm(dim=1) - 0.5)
+    velocity.attach(field_of(3), between(lambda y: y.norm(dim=1) - 0.5))
     assert velocity(p, ball).abs().max() < 1e-12
-    velocity.attach(field_of(3), lambda y: y.norm(dim=1) - 0.7)
+    velocity.attach(field_of(3), between(lambda y: y.norm(dim=1) - 0.7))
     torch.testing.assert_close(velocity(p, ball), 0.2 * x / length[:, None])
 
 
@@ -236,7 +241,7 @@ def test_only_the_unconstrained_velocity_has_second_derivatives(dim: int) -> Non
 
 def test_the_divergence_of_nise_needs_a_hessian() -> None:
     velocity, field, p = Nise(2), LipschitzMlp(3, 8, 2).double(), points(3, 2)
-    velocity.attach(field, target_of(2))
+    velocity.attach(field, between(target_of(2)))
     with pytest.raises(InputError, match=r"got LipschitzMlp. Try `field=siren`"):
         velocity.divergence(p, field.jet(p))
 

@@ -22,7 +22,7 @@ def configured(*overrides: str) -> dict:
 
 @pytest.mark.parametrize("name", sorted(p.stem for p in (CONF / "growth").glob("*.yaml")))
 def test_every_configured_growth_goes_between_the_shapes_own_volumes(name):
-    growth = build_growth(configured(f"growth={name}"), 3, own=(1.0, 2.5))
+    growth = build_growth(configured(f"growth={name}"), 3, own={0.0: 1.0, 1.0: 2.5})
     if name == "none":
         assert growth is None
         return
@@ -36,9 +36,11 @@ def test_without_a_choice_nothing_grows():
 
 
 def test_volumes_can_be_typed():
-    growth = build_growth(configured("growth=smooth_step", "growth.target=2"), 2, own=(0.7, 0.8))
+    growth = build_growth(configured("growth=smooth_step", "growth.target=2"), 2, own={0.0: 0.7, 1.0: 0.8})
     assert (growth.relative_volume(0.0), growth.relative_volume(1.0)) == pytest.approx((0.7, 2.0))
-    table = build_growth(configured("growth=table", "growth.times=[0,0.3,1]", "growth.volumes=[null,2,0.5]"), 2, (3, 1))
+    table = build_growth(
+        configured("growth=table", "growth.times=[0,0.3,1]", "growth.volumes=[null,2,0.5]"), 2, {0.0: 3, 1.0: 1}
+    )
     assert [table.relative_volume(t) for t in (0.0, 0.3, 1.0)] == pytest.approx([3, 2, 0.5])
 
 

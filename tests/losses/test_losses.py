@@ -30,7 +30,7 @@ from nsm.losses import (
 )
 from nsm.sampling import Batch
 from nsm.shapes import Ball, LandmarkPairs
-from nsm.types import Jet
+from nsm.types import Jet, Key
 
 LOSSES = sorted(p.stem for p in (CONF / "loss").glob("*.yaml"))
 BOUNDARY = [AmbientDirichlet, SurfaceDirichlet, OfficialDirichlet, NormalAlignment]
@@ -85,8 +85,8 @@ def networks(velocity: type[Velocity] = Free, n: int = 40, dim: int = 3) -> Batc
     batch = Batch(
         torch.rand(n, dim + 1, dtype=torch.float64) * 2 - 1, torch.randn(n // 2, dtype=torch.float64), normals
     )
-    ends = Ball(0.4, (0.0,) * dim).double(), Ball(0.3, (0.1,) * dim).double()
-    return BatchEvaluation(batch, field, moving.double(), ends=ends)
+    keys = Key(0.0, Ball(0.4, (0.0,) * dim).double()), Key(1.0, Ball(0.3, (0.1,) * dim).double())
+    return BatchEvaluation(batch, field, moving.double(), keys=keys)
 
 
 @pytest.mark.parametrize("name", sorted(MOTIONS))
@@ -181,13 +181,14 @@ def suited_to(name: str) -> BatchEvaluation:
         return BatchEvaluation(networks().batch, LipschitzMlp(4, 8, 2).double())
     if name.startswith("nise"):
         evaluation, velocity = networks(), Nise(3)
-        velocity.attach(evaluation.field, lambda x: x.norm(dim=1) - 0.5)
-        return BatchEvaluation(evaluation.batch, evaluation.field, velocity, ends=evaluation._ends)
+        goal = Key(1.0, lambda x: x.norm(dim=1) - 0.5)
+        velocity.attach(evaluation.field, [goal])
+        return BatchEvaluation(evaluation.batch, evaluation.field, velocity, keys=evaluation._keys)
     if name.endswith("insd"):
         evaluation = networks(Free)
         pairs = LandmarkPairs(*(torch.rand(5, 3, dtype=torch.float64) for _ in range(2)))
         return BatchEvaluation(
-            evaluation.batch, evaluation.field, evaluation._required_velocity(), pairs, ends=evaluation._ends
+            evaluation.batch, evaluation.field, evaluation._required_velocity(), pairs, keys=evaluation._keys
         )
     return networks(AdaDiv)
 

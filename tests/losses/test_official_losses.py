@@ -17,6 +17,7 @@ from nsm.losses import BatchEvaluation, Everywhere, LevelSet, OfficialNeumann
 from nsm.sampling import Batch, Box, Fractions, MorphSampler, UniformTime
 from nsm.shapes import Ball
 from nsm.train.tasks import draw_pools
+from nsm.types import Key
 
 SURFACE, AMBIENT, INTERIOR = 8, 12, 20
 KNOWN = SURFACE + AMBIENT
@@ -61,9 +62,10 @@ def made(moving: Velocity) -> Problem:
     slopes = [vmap(jacrev(lambda y, shape=shape: shape(y[None])[0]))(x[:KNOWN]) for shape in (source, target)]
     gradients = torch.where(at_target[:, None], slopes[1], slopes[0])
     batch = Batch(p, distances.detach(), F.normalize(gradients[:SURFACE], dim=1))
-    moving.attach(field, target)
+    keys = Key(0.0, source), Key(1.0, target)
+    moving.attach(field, keys)
     jacobian = vmap(jacrev(lambda q: field(q[None])[0]))(p)
-    evaluation = BatchEvaluation(batch, field, moving.double(), ends=(source, target))
+    evaluation = BatchEvaluation(batch, field, moving.double(), keys=keys)
     return Problem(evaluation, field(p), jacobian[:, 3], jacobian[:, :3], distances, gradients, target(x))
 
 
@@ -166,15 +168,15 @@ def test_the_default_loss_evaluates_v_at_interior_points_only() -> None:
 
 def test_a_batch_of_a_sampler_knows_the_gradients_of_its_end_shapes() -> None:
     ends = Ball(0.5, (0.2, 0.0, 0.0)), Ball(0.3)
-    pools = [draw_pools(shape, 100, seed=0) for shape in ends]
-    sampler = MorphSampler(*pools, Box(3, 1.5), UniformTime(), 40, Fractions())
+    pools = {float(time): draw_pools(shape, 100, seed=0) for time, shape in enumerate(ends)}
+    sampler = MorphSampler(pools, Box(3, 1.5), UniformTime(), 40, Fractions())
     batch = sampler.draw(torch.Generator().manual_seed(0))
-    known = BatchEvaluation(batch, ScalarSiren(4, 8, 2), ends=ends).known_gradients
+    known = BatchEvaluation(batch, ScalarSiren(4, 8, 2), keys=[Key(0.0, ends[0]), Key(1.0, ends[1])]).known_gradients
     centers = torch.where(batch.points[:20, 3:] == 0, torch.tensor([0.2, 0.0, 0.0]), torch.zeros(3))
     torch.testing.assert_close(known, F.normalize(batch.points[:20, :3] - centers, dim=1), atol=1e-4, rtol=0)
 
 
 def test_the_official_neumann_term_needs_the_end_shapes() -> None:
     evaluation = made(Nise(3)).evaluation
-    with pytest.raises(ValueError, match="`ends` must be the two end shapes"):
+    with pytest.raises(ValueError, match="`keys` must be the shapes of the morph"):
         OfficialNeumann(1.0)(BatchEvaluation(evaluation.batch, evaluation.field))

@@ -17,7 +17,7 @@ from nsm.compare.results import Result
 from nsm.compare.tabulate import figure_table, overview
 from nsm.evaluate.tables import markdown_table
 from nsm.geometry.differences import finite_gradient
-from nsm.metrics import STAGES, Protocol, all_metrics, evaluate_morph, figures, find_metric, volume_curve
+from nsm.metrics import AT, Protocol, all_metrics, evaluate_morph, figures, find_metric, stages, volume_curve
 from nsm.metrics.endpoint import endpoint_errors
 from nsm.plots.tables import markdown
 from nsm.shapes import Similarity
@@ -84,11 +84,11 @@ def test_the_protocol_gives_the_known_figures_of_the_authors_morph(data_dir):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_all_figures_of_a_perfect_morph(dim):
-    stages = []
+    begun = []
     morph = MOTIONS["translating_ball"](dim)
-    result = evaluate_morph(morph, COARSE, stages.append)
+    result = evaluate_morph(morph, COARSE, begun.append)
     figures = result.figures()
-    assert len(stages) == STAGES
+    assert len(begun) == stages(morph)
     assert figures["volume max"] < 5e-3
     assert figures["volume estimator error"] < 1e-2
     assert figures["morph to shape t=0"] < 1e-6
@@ -178,6 +178,8 @@ def test_every_figure_has_a_name_of_its_own_and_describes_itself():
         assert metric.meaning != metric.name
         assert "\n" not in metric.meaning, metric.name
         assert metric.unit.name, metric.name
-        assert all(find_metric(name) is metric for name in metric.names())
+        rows = [f"{metric.name}{AT}{time}" for time in (0, 0.4, 1)]
+        assert metric.rows(reversed(["volume of nothing", *rows])) == rows
+        assert all(find_metric(name) is metric for name in [metric.name, *rows])
     with pytest.raises(KeyError):
         find_metric("volume mean")

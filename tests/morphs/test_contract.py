@@ -25,8 +25,10 @@ from nsm.geometry.meshing import extract_surface
 from nsm.io.official import load_official
 from nsm.library import TrainedMorph
 from nsm.morphs.exact_ends import ExactEnds
+from nsm.morphs.exact_keys import ExactKeys
 from nsm.morphs.file_coordinates import FileCoordinates
 from nsm.morphs.growth import Grown, ScaleLinear, SmoothStep, Table, VolumeLinear
+from nsm.morphs.leg import Leg
 from nsm.morphs.neural import NeuralMorph
 from nsm.morphs.optimal_transport import OptimalTransport
 from nsm.shapes import Ball
@@ -68,6 +70,13 @@ def neural(velocity: str, dim: int) -> NeuralMorph:
     return morph.double().requires_grad_(False)
 
 
+def through_keys(dim: int) -> NeuralMorph:
+    """The same through three balls."""
+    morph, ball = neural("adadiv", dim), Ball(0.5, [0.0] * dim)
+    keyed = NeuralMorph(morph.field, morph.velocity_field, morph.source, morph.target, 1.0, [ball], [0, 0.3, 1])
+    return keyed.double().requires_grad_(False)
+
+
 def optimal_transport(dim: int) -> Morph:
     method = OptimalTransport(points=6000, anchors=300, blur=0.1, scaling=0.7, kernel=0.07, resolution=32)
     return method.morph(Ball(0.4, [-0.4, 0.1, 0.0][:dim]), Ball(0.4, [0.4, -0.1, 0.2][:dim]), seed=0).double()
@@ -91,6 +100,9 @@ CASES = {
     },
     "grown neural": Case(lambda: Grown(neural("adadiv", 2), VolumeLinear(2, 1.0, 1.5)), networks=True),
     "grown without velocity": Case(lambda: Grown(neural("none", 2), VolumeLinear(2, 1.0, 1.5)), networks=True),
+    "through keys": Case(lambda: through_keys(2), networks=True),
+    "exact keys": Case(lambda: ExactKeys(through_keys(2))),
+    "leg": Case(lambda: Leg(through_keys(2), 1)),
     "exact ends": Case(lambda: ExactEnds(turning(2, 0.5).double(), 12, 64)),
     "grown exact ends": Case(lambda: Grown(ExactEnds(turning(2, 0.5).double(), 12, 64), VolumeLinear(2, 1.0, 1.5))),
     "file coordinates": Case(lambda: FileCoordinates(turning(2, 0.5, POSED).double(), "source")),
@@ -131,7 +143,11 @@ def test_attributes(name: str) -> None:
     assert morph.bounds.shape == (2, morph.dim)
     assert (morph.bounds[1] > morph.bounds[0]).all()
     x, _ = points_and_times(morph)
-    for shape in (morph.source, morph.target):
+    times = [key.time for key in morph.keys]
+    assert times == sorted(times)
+    assert (times[0], times[-1]) == (0, 1)
+    assert (morph.keys[0].shape, morph.keys[-1].shape) == (morph.source, morph.target)
+    for shape in (key.shape for key in morph.keys):
         values = shape(x)
         assert values.shape == (len(x),)
         assert values.isfinite().all()

@@ -195,13 +195,13 @@ def test_an_end_shape_may_outgrow_the_box():
 def test_official_shapes_of_different_volume_have_it_back_at_the_ends(data_dir: Path):
     small, large = SirenFile("official/ni/horse.pth"), SirenFile("official/ni/kitten.pth")
     ends = equal_volume(small, large)
-    relative = (ends.source_scale**-3, ends.target_scale**-3)
-    assert relative == (1.0, pytest.approx(2.9, rel=0.02))
-    grown = Grown(_Blend(ends.source, ends.target), VolumeLinear(3, own=relative))
-    assert grown.bounds[1] == pytest.approx(torch.full((3,), 1 / ends.target_scale))
+    relative = [scale**-3 for scale in ends.scales]
+    assert relative == [1.0, pytest.approx(2.9, rel=0.02)]
+    grown = Grown(_Blend(*ends.shapes), VolumeLinear(3, own={0.0: relative[0], 1.0: relative[1]}))
+    assert grown.bounds[1] == pytest.approx(torch.full((3,), 1 / ends.scales[1]))
     x = torch.rand(2000, 3) * 2 - 1
     # the larger one was scaled about its own center, and grows about that of the box
-    away = large.bounds().mean(0) * (1 - 1 / ends.target_scale)
+    away = large.bounds().mean(0) * (1 - 1 / ends.scales[1])
     for t, shape, y, end in ((0.0, small, x, grown.source), (1.0, large, x + away, grown.target)):
         assert grown(x, t) == pytest.approx(shape(y), abs=2e-5)
         assert end(x) == pytest.approx(shape(y), abs=2e-5)

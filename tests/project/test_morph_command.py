@@ -60,6 +60,14 @@ def test_by_default_a_folder_named_after_both_holds_the_meshes(
     assert len(list(Path("ball_box").glob("*.ply"))) == 3
 
 
+def test_a_morph_may_pass_through_shapes_between(meshes: tuple[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    typed = ("ball.obj", "box.ply", "ball.obj", "box.ply", "--times", "0,0.2,0.6,1", "--between-setting", "up=[0,0,1]")
+    assert run(monkeypatch, *typed, "-o", "strip.png", "--frames", "2", "--resolution", "16", "--keep", "run") == 0
+    morph = load_morph("run")
+    assert [key.time for key in morph.keys] == [0, 0.2, 0.6, 1]
+    assert [Path(origin["path"]).name for origin in morph.provenance["between"]] == ["box.ply", "ball.obj"]
+
+
 @pytest.mark.parametrize(
     ("typed", "sentence"),
     [
@@ -70,6 +78,7 @@ def test_by_default_a_folder_named_after_both_holds_the_meshes(
             "`align` must be one of none, rigid, shared, similarity, got ridgid. Try `align=rigid`.",
         ),
         (["--frames", "0"], "`frames` must be an integer of at least 2, got 0."),
+        (["--times", "0,x"], "`--times` must be numbers with commas between, got 0,x. Try `--times 0,0.4,1`."),
         (["--fames", "3"], "Try `nsm morph a.obj b.obj -o film.mp4`."),
     ],
 )

@@ -11,7 +11,7 @@ import torch
 from nsm.cli.errors import InputError
 from nsm.sampling import Batch, Box, EndSurfaces, Fractions, MorphSampler, MovingSurface, Pools, SdfSampler, UniformTime
 from nsm.train.tasks.data import FieldData, _generator, _Stream
-from nsm.types import DistanceSamples, Jet, SurfaceSamples
+from nsm.types import DistanceSamples, Jet, Key, SurfaceSamples
 
 
 def pools(offset: float, dim: int = 2, count: int = 50) -> Pools:
@@ -23,7 +23,9 @@ def pools(offset: float, dim: int = 2, count: int = 50) -> Pools:
 
 def morph_sampler(size: int = 40, fractions: Fractions | None = None, dim: int = 2) -> MorphSampler:
     time = UniformTime(-0.2, 1.0)
-    return MorphSampler(pools(1.0, dim), pools(2.0, dim), Box(dim, 1.5), time, size, fractions or Fractions())
+    return MorphSampler(
+        {0.0: pools(1.0, dim), 1.0: pools(2.0, dim)}, Box(dim, 1.5), time, size, fractions or Fractions()
+    )
 
 
 def seeded(seed: int = 0) -> torch.Generator:
@@ -236,10 +238,10 @@ def test_a_fraction_must_lie_between_0_and_1(fraction: float) -> None:
 def with_leftover(count: int) -> tuple[EndSurfaces, Batch, torch.Tensor]:
     """f holds a second disk at both ends, far from the shape: the last of some batches, and which points it placed."""
     ends, near = EndSurfaces(2, ambient=200, own=0.5, visitors=0.2, width=0.05, reach=0.25), moving()
-    sampler = MorphSampler(*disk_pools(), Box(2, 1.5), UniformTime(), 400, Fractions(0.25, 0.5))
+    sampler = MorphSampler(disk_pools(), Box(2, 1.5), UniformTime(), 400, Fractions(0.25, 0.5))
     for step in range(count):
         drawn = near.place(sampler.draw(_generator(0, 0, step)), 1.5)
-        batch = ends.place(drawn, near, 1.5, disk_at_start, disk_at_end)
+        batch = ends.place(drawn, near, 1.5, [Key(0.0, disk_at_start), Key(1.0, disk_at_end)])
         near.follow(batch, two_disks_jet(batch.points[batch.interior]))
         ends.follow(batch, two_disks_jet(batch.points))
     return ends, batch, (batch.points != drawn.points).any(1).nonzero()[:, 0]
@@ -270,9 +272,9 @@ def disk_at_end(x: torch.Tensor) -> torch.Tensor:
     return disk_jet(torch.cat([x, torch.ones(len(x), 1)], 1)).value
 
 
-def disk_pools() -> tuple[Pools, Pools]:
+def disk_pools() -> dict[float, Pools]:
     points = 3 * torch.rand(2000, 2, generator=seeded()) - 1.5
-    return tuple(  # type: ignore[return-value]
-        Pools(SurfaceSamples(points, points), DistanceSamples(points, shape(points)))
-        for shape in (disk_at_start, disk_at_end)
-    )
+    return {
+        time: Pools(SurfaceSamples(points, points), DistanceSamples(points, shape(points)))
+        for time, shape in ((0.0, disk_at_start), (1.0, disk_at_end))
+    }

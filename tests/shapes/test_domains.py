@@ -18,7 +18,7 @@ from nsm.cli.errors import InputError
 from nsm.fields import ScalarSiren
 from nsm.io.build import build
 from nsm.shapes import Ball, MeshFile, MeshShape, PointCloud, Similarity, SirenFile, SirenShape
-from nsm.train.tasks import prepare_ends, starting_network
+from nsm.train.tasks import prepare_keys, starting_network
 from nsm.train.tasks.fit import SdfFit, realize
 
 #: Meshes need no fit.
@@ -182,9 +182,9 @@ class TestMesh:
     @pytest.mark.parametrize("scale", [0.001, 1.0, 1000.0])
     @pytest.mark.parametrize("shift", [0.0, 100.0])
     def test_units_and_place_of_the_file_do_not_matter(self, scale: float, shift: float, tmp_path: Path) -> None:
-        plain = prepare_ends(MeshFile(ellipsoid(tmp_path / "a.obj")), Ball(0.3), NO_FIT)
+        plain = prepare_keys([MeshFile(ellipsoid(tmp_path / "a.obj")), Ball(0.3)], NO_FIT)
         path = ellipsoid(tmp_path / "b.obj", scale, shift)
-        ends = prepare_ends(MeshFile(path), Ball(0.3), NO_FIT)
+        ends = prepare_keys([MeshFile(path), Ball(0.3)], NO_FIT)
         x = scattered(500, 1.5).double()
         torch.testing.assert_close(ends.source(x), plain.source(x), atol=1e-9, rtol=0)
         torch.testing.assert_close(ends.target(x), plain.target(x), atol=1e-9, rtol=0)
@@ -200,7 +200,7 @@ class TestMesh:
             for name, shift in (("a", 900.0), ("b", 930.0))
         ]
         assert pair[0].volume() == pytest.approx(4 / 3 * math.pi * 0.12 * 50**3, rel=0.03)
-        ends = prepare_ends(*pair, NO_FIT)
+        ends = prepare_keys(pair, NO_FIT)
         apart = (ends.target.exact_bounds() - ends.source.exact_bounds()).mean(0)
         common = ends.source.similarity.scale
         torch.testing.assert_close(apart, torch.full((3,), 30 * common, dtype=torch.float64), rtol=1e-9, atol=0)

@@ -194,25 +194,27 @@ def test_provenance_takes_points_back(shape: Primitive, generator: torch.Generat
 
 def test_equal_volume_scales_the_larger_one_down() -> None:
     result = equal_volume(Ball(0.6), Box([0.5, 0.5, 0.5]))
-    assert result.source.volume() == pytest.approx(0.125, rel=1e-12)
-    assert result.target.volume() == pytest.approx(0.125, rel=1e-12)
-    assert result.target_scale == 1
-    assert result.source_scale == pytest.approx((0.125 / (4 / 3 * math.pi * 0.6**3)) ** (1 / 3), rel=1e-12)
+    assert [shape.volume() for shape in result.shapes] == pytest.approx([0.125, 0.125], rel=1e-12)
+    assert result.scales[1] == 1
+    assert result.scales[0] == pytest.approx((0.125 / (4 / 3 * math.pi * 0.6**3)) ** (1 / 3), rel=1e-12)
     flat = equal_volume(Ball(0.2, [0, 0]), Box([0.5, 0.5], [0, 0]))
-    assert flat.target_scale == pytest.approx(math.sqrt(math.pi * 0.04 / 0.25), rel=1e-12)
-    assert flat.target.volume() == pytest.approx(flat.source.volume(), rel=1e-12)
+    assert flat.scales[1] == pytest.approx(math.sqrt(math.pi * 0.04 / 0.25), rel=1e-12)
+    assert flat.shapes[1].volume() == pytest.approx(flat.shapes[0].volume(), rel=1e-12)
+    three = equal_volume(Ball(0.6), Box([0.5, 0.5, 0.5]), Ball(0.2))
+    assert [shape.volume() for shape in three.shapes] == pytest.approx([Ball(0.2).volume()] * 3, rel=1e-12)
+    assert three.scales == (pytest.approx(1 / 3), pytest.approx((Ball(0.2).volume() / 0.125) ** (1 / 3)), 1)
 
 
 def test_each_shape_is_scaled_about_its_own_center() -> None:
     result = equal_volume(Ball(0.6, [0.3, 0.2, 0]), Ball(0.3, [-0.4, 0, 0]))
-    torch.testing.assert_close(result.source.bounds().mean(0), torch.tensor([0.3, 0.2, 0]))
-    assert result.source_scale == pytest.approx(0.5)
+    torch.testing.assert_close(result.shapes[0].bounds().mean(0), torch.tensor([0.3, 0.2, 0]))
+    assert result.scales[0] == pytest.approx(0.5)
 
 
 def test_a_pair_fills_the_box_together_and_keeps_its_relative_place() -> None:
     source, target = Ball(0.3, [5.0, 0, 1]), Box([2, 1, 1], [8, 0, 1])
     pair = place_together(source, target)
-    boxes = torch.stack([pair.source.exact_bounds(), pair.target.exact_bounds()])
+    boxes = torch.stack([shape.exact_bounds() for shape in pair.shapes])
     low, high = boxes[:, 0].amin(0), boxes[:, 1].amax(0)
     torch.testing.assert_close(low, -high, atol=1e-12, rtol=0)
     assert float((high - low).max()) == pytest.approx(1.8, rel=1e-12)
@@ -228,10 +230,10 @@ def test_a_pair_fills_the_box_together_and_keeps_its_relative_place() -> None:
 def test_a_plate_and_a_ball_fill_the_box() -> None:
     plate, ball = Box([1.6, 1.6, 0.02]), Ball(0.5)
     ends = equal_volume(plate, ball)
-    pair = place_together(ends.source, ends.target)
-    assert pair.source.volume() == pytest.approx(pair.target.volume(), rel=1e-9)
-    torch.testing.assert_close(pair.source.bounds()[1], torch.tensor([0.9, 0.9, 0.01125]))
-    assert float(pair.target.bounds()[1, 0]) == pytest.approx(0.2303 * 0.9 / 0.8, rel=1e-3)
+    source, target = place_together(*ends.shapes).shapes
+    assert source.volume() == pytest.approx(target.volume(), rel=1e-9)
+    torch.testing.assert_close(source.bounds()[1], torch.tensor([0.9, 0.9, 0.01125]))
+    assert float(target.bounds()[1, 0]) == pytest.approx(0.2303 * 0.9 / 0.8, rel=1e-3)
 
 
 def test_the_default_pair_has_equal_volumes() -> None:
@@ -263,7 +265,7 @@ def test_the_default_pair_has_equal_volumes() -> None:
         (lambda: Ball(0.5, pose={"turn": 0}), "got 'turn'"),
         (lambda: Ball(0.5, pose={"rotation": [[1, 0, 0], [0, 2, 0], [0, 0, 1]]}), "which is not a rotation"),
         (lambda: Ball(0.5, pose={"rotation": ["a", "b", "c"]}), "must consist of numbers"),
-        (lambda: equal_volume(Ball(0.2), Ball(0.2, [0, 0])), "`target` must have the dimension of `source`, got 2D"),
+        (lambda: equal_volume(Ball(0.2), Ball(0.2, [0, 0])), r"the dimension of the first, 3D, got a ball in 2D"),
     ],
 )
 def test_invalid_shapes_are_rejected(make: Callable[[], object], words: str) -> None:

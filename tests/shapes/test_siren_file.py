@@ -114,10 +114,10 @@ def test_volume_and_samples_of_a_network(ball_file: Path, generator: torch.Gener
     assert shape(samples.points).abs().max() < 1e-5
     assert (samples.points * samples.normals).sum(1).min() > 0.3
     result = equal_volume(shape, Ball(0.4))
-    assert result.source.volume() == pytest.approx(result.volume, rel=1e-6)
+    assert result.shapes[0].volume() == pytest.approx(result.volume, rel=1e-6)
     x, center = _points().float() * 0.9, shape.bounds().mean(0)
-    expected = result.source_scale * shape(center + (x - center) / result.source_scale)
-    torch.testing.assert_close(result.source(x), expected, atol=1e-5, rtol=0)
+    expected = result.scales[0] * shape(center + (x - center) / result.scales[0])
+    torch.testing.assert_close(result.shapes[0](x), expected, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("omega", [0.1, 2.0, 12.0, 60.0])

@@ -162,7 +162,7 @@ def test_a_checkpoint_carries_its_configuration_and_the_origin_of_its_shapes(fin
     entry = torch.load(finished[0] / "checkpoints" / "last.ckpt", weights_only=True)["nsm"]
     assert entry["config"]["steps"] == 12
     assert entry["config"]["name"] == "disk_translation"
-    assert set(entry["provenance"]) == {"source", "target"}
+    assert set(entry["provenance"]) == {"source", "target", "between"}
     assert entry["provenance"]["source"]["scale"] == pytest.approx(1)
     assert entry["model"]["field"]["omega"] == 8
 

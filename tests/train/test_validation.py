@@ -188,7 +188,7 @@ def test_a_thin_fin_on_a_thick_body_is_not_overlooked() -> None:
             return super().volume() + math.prod(fin)
 
     validator = Validator(NeuralMorph(Balls((0.2, [0.0] * 3, [0.0] * 3)), None, Winged(0.2), body), 1.5, RESOLUTION, 2)
-    assert float(validator.end_volumes[0]) == pytest.approx(body.volume() + math.prod(fin), rel=0.03)
+    assert float(validator.key_volumes[0]) == pytest.approx(body.volume() + math.prod(fin), rel=0.03)
 
 
 def test_a_volume_that_no_grid_confirms_costs_no_finer_one() -> None:
@@ -206,7 +206,7 @@ def test_a_shape_that_no_grid_resolves_leaves_a_finite_error_and_a_sentence(capl
     morph = NeuralMorph(Sliding(sides, 0.31), None, Box(sides, [0.0, 0.0]), Box(sides, [0.0, 0.31]))
     with caplog.at_level(logging.WARNING):
         found = validated(morph)
-    assert "An end shape is so thin that" in caplog.text
+    assert "A shape is so thin that" in caplog.text
     assert all(math.isfinite(value) for value in (found.drift, found.volume_std, found.morph_to_shape))
 
 

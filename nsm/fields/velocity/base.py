@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from nsm.cli.errors import InputError
 from nsm.fields.scalar import ScalarNetwork
 from nsm.fields.siren import VectorSiren
-from nsm.types import Jet, SignedDistance, VectorJet
+from nsm.types import Jet, Key, SignedDistance, VectorJet
 
 #: Builds a network when called with ``in_features`` and ``out_features``.
 NetworkFactory = Callable[..., VectorSiren]
@@ -28,12 +28,15 @@ class Velocity(nn.Module, ABC):
         super().__init__()
         self.dim = dim
 
-    def attach(self, field: ScalarNetwork, target: SignedDistance) -> None:
-        """Pass f and the target to a velocity that is computed from them; learned velocities ignore both.
+    def attach(self, field: ScalarNetwork, keys: Sequence[Key[SignedDistance]]) -> None:
+        """Pass f and the shapes to a velocity that is computed from them; learned velocities ignore both.
 
         Args:
             field: The network f(x, t). It stays part of the morph and does not become a submodule here.
-            target: Signed distance g₁ of the shape at t = 1.
+            keys: Shapes that the morph passes through, in order of time.
+
+        Raises:
+            InputError: If the velocity cannot lead through these shapes.
         """
 
     @abstractmethod

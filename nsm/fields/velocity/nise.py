@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from nsm.cli.errors import InputError
 from nsm.fields.scalar import ScalarNetwork
 from nsm.fields.velocity.base import Velocity
-from nsm.types import Jet, SignedDistance
+from nsm.types import Jet, Key, SignedDistance
 
 
 class Nise(Velocity):
@@ -29,9 +32,10 @@ class Nise(Velocity):
         >>> import torch
         >>> from nsm.fields import Nise, ScalarSiren
         >>> from nsm.shapes import Ball
+        >>> from nsm.types import Key
         >>> field = ScalarSiren(in_features=4, hidden_features=16, hidden_layers=2)
         >>> velocity = Nise(dim=3)
-        >>> velocity.attach(field, target=Ball(radius=0.5))
+        >>> velocity.attach(field, [Key(0.0, Ball(radius=0.4)), Key(1.0, Ball(radius=0.5))])
         >>> p = torch.rand(5, 4)
         >>> velocity(p, field.jet(p)).shape
         torch.Size([5, 3])
@@ -43,8 +47,13 @@ class Nise(Velocity):
         # a tuple hides f from nn.Module: its parameters belong to the morph
         self._attached: tuple[ScalarNetwork, SignedDistance] | None = None
 
-    def attach(self, field: ScalarNetwork, target: SignedDistance) -> None:
-        self._attached = (field, target)
+    def attach(self, field: ScalarNetwork, keys: Sequence[Key[SignedDistance]]) -> None:
+        if len(keys) > 2:
+            raise InputError(
+                f"`between` must be empty for a velocity that leads straight to the target, got {len(keys) - 2} shapes "
+                "between. Try `method=adadiv`."
+            )
+        self._attached = (field, keys[-1].shape)
 
     def forward(self, p: Float[Tensor, "n k"], f: Jet) -> Float[Tensor, "n d"]:
         gradient = f.gradient[:, : self.dim]
@@ -85,7 +94,7 @@ class Nise(Velocity):
 
     def _require_attached(self) -> tuple[ScalarNetwork, SignedDistance]:
         if self._attached is None:
-            raise ValueError("`Nise` must know f and the target, got neither. Try `velocity.attach(field, target)`.")
+            raise ValueError("`Nise` must know f and the target, got neither. Try `velocity.attach(field, keys)`.")
         return self._attached
 
 

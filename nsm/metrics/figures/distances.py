@@ -3,53 +3,53 @@
 from __future__ import annotations
 
 from nsm.metrics.measurements import Measurements
-from nsm.metrics.metric import EndMetric, Section
+from nsm.metrics.metric import KeyMetric, Section
 from nsm.metrics.unit import LENGTH
 
 
-@EndMetric.define("morph to shape", LENGTH, Section.ENDS)
+@KeyMetric.define("morph to shape", LENGTH, Section.ENDS)
 def morph_to_shape(measured: Measurements, time: float) -> float:
     """Mean distance from the morph's surface to the shape's."""
-    return measured.end(time).morph_to_shape.mean
+    return measured.key(time).morph_to_shape.mean
 
 
-@EndMetric.define("morph to shape 99%", LENGTH, Section.ENDS)
+@KeyMetric.define("morph to shape 99%", LENGTH, Section.ENDS)
 def morph_to_shape_99(measured: Measurements, time: float) -> float:
     """99th percentile of the distance from the morph's surface to the shape's."""
-    return measured.end(time).morph_to_shape.percentile_99
+    return measured.key(time).morph_to_shape.percentile_99
 
 
-@EndMetric.define("morph to shape max", LENGTH, Section.ENDS)
+@KeyMetric.define("morph to shape max", LENGTH, Section.ENDS)
 def morph_to_shape_maximum(measured: Measurements, time: float) -> float:
     """Greatest distance from the morph's surface to the shape's."""
-    return measured.end(time).morph_to_shape.maximum
+    return measured.key(time).morph_to_shape.maximum
 
 
-@EndMetric.define("shape to morph", LENGTH, Section.ENDS)
+@KeyMetric.define("shape to morph", LENGTH, Section.ENDS)
 def shape_to_morph(measured: Measurements, time: float) -> float:
     """Mean distance from the shape's surface to the morph's."""
-    return measured.end(time).shape_to_morph.mean
+    return measured.key(time).shape_to_morph.mean
 
 
-@EndMetric.define("shape to morph 99%", LENGTH, Section.ENDS)
+@KeyMetric.define("shape to morph 99%", LENGTH, Section.ENDS)
 def shape_to_morph_99(measured: Measurements, time: float) -> float:
     """99th percentile of the distance from the shape's surface to the morph's."""
-    return measured.end(time).shape_to_morph.percentile_99
+    return measured.key(time).shape_to_morph.percentile_99
 
 
-@EndMetric.define("shape to morph max", LENGTH, Section.ENDS)
+@KeyMetric.define("shape to morph max", LENGTH, Section.ENDS)
 def shape_to_morph_maximum(measured: Measurements, time: float) -> float:
     """Greatest distance from the shape's surface to the morph's."""
-    return measured.end(time).shape_to_morph.maximum
+    return measured.key(time).shape_to_morph.maximum
 
 
-@EndMetric.define("chamfer", LENGTH, Section.ENDS, heading="distance")
+@KeyMetric.define("chamfer", LENGTH, Section.ENDS, heading="distance")
 def chamfer(measured: Measurements, time: float) -> float:
     """Mean of the two mean distances."""
-    return measured.end(time).chamfer
+    return measured.key(time).chamfer
 
 
-@EndMetric.define("hausdorff", LENGTH, Section.ENDS)
+@KeyMetric.define("hausdorff", LENGTH, Section.ENDS)
 def hausdorff(measured: Measurements, time: float) -> float:
     """Greatest distance from a point of either surface to the other."""
-    return measured.end(time).hausdorff
+    return measured.key(time).hausdorff

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from nsm.metrics.measurements import Measurements
-from nsm.metrics.metric import EndMetric, MorphMetric, Section
+from nsm.metrics.metric import KeyMetric, MorphMetric, Section
 from nsm.metrics.unit import FILE_VOLUME, RELATIVE
 
 
-@EndMetric.define("volume", FILE_VOLUME, Section.VOLUME, ideal=None)
+@KeyMetric.define("volume", FILE_VOLUME, Section.VOLUME, ideal=None)
 def volume(measured: Measurements, time: float) -> float | None:
     """Volume (area in 2D) of the morph, in the units of the source's file."""
     factor = measured.file_volume
-    return None if factor is None else float(measured.volume.volumes[0 if time == 0 else -1]) * factor
+    return None if factor is None else float(measured.volume.volumes[measured.number(time)]) * factor
 
 
 @MorphMetric.define("volume std", RELATIVE, Section.VOLUME, heading="volume std")

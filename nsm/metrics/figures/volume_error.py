@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from nsm.metrics.measurements import Measurements
-from nsm.metrics.metric import EndMetric, Section
+from nsm.metrics.metric import KeyMetric, Section
 from nsm.metrics.unit import RELATIVE
 
 
-@EndMetric.define("volume error", RELATIVE, Section.ENDS)
+@KeyMetric.define("volume error", RELATIVE, Section.ENDS)
 def volume_error(measured: Measurements, time: float) -> float:
     """Volume of the morph over that of the shape, minus 1."""
-    return measured.end(time).volume_error
+    return measured.key(time).volume_error

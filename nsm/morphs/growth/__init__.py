@@ -5,11 +5,11 @@ f̃(x, t) = α(t) f(x/α(t), t) (paper, section 7.4, equations 15 and 16), whose
 `Growth` determines α. Its relative volumes are α^d, so 1 is the volume at which the morph was made.
 """
 
-from nsm.morphs.growth.base import Growth
+from nsm.morphs.growth.base import UNSCALED, Growth
 from nsm.morphs.growth.grown import Grown
 from nsm.morphs.growth.scale_linear import ScaleLinear
 from nsm.morphs.growth.smooth_step import SmoothStep
 from nsm.morphs.growth.table import Table
 from nsm.morphs.growth.volume_linear import VolumeLinear
 
-__all__ = ["Grown", "Growth", "ScaleLinear", "SmoothStep", "Table", "VolumeLinear"]
+__all__ = ["UNSCALED", "Grown", "Growth", "ScaleLinear", "SmoothStep", "Table", "VolumeLinear"]

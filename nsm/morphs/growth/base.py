@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TypeVar
 
 from torch import Tensor
@@ -11,6 +13,8 @@ from nsm.cli.settings import positive
 
 #: One time, or n times of shape (n,); functions of it return the same kind.
 Time = TypeVar("Time", float, Tensor)
+#: Relative volumes of two shapes, by their times, that were not scaled to one volume.
+UNSCALED: Mapping[float, float] = MappingProxyType({0.0: 1.0, 1.0: 1.0})
 
 
 class Growth(ABC):
@@ -50,9 +54,9 @@ class BetweenEnds(Growth):
 
     Args:
         dim: Dimension d of space.
-        source: Relative volume v_0 at t = 0, by default the first of ``own``.
-        target: Relative volume v_1 at t = 1, by default the second of ``own``.
-        own: Relative volumes of the two shapes before they were scaled to one volume.
+        source: Relative volume v_0 at t = 0, by default that of ``own``.
+        target: Relative volume v_1 at t = 1, by default that of ``own``.
+        own: Relative volumes of the shapes, by their times, before they were scaled to one volume.
 
     Raises:
         InputError: If a volume is not positive and finite.
@@ -63,11 +67,11 @@ class BetweenEnds(Growth):
         dim: int,
         source: float | None = None,
         target: float | None = None,
-        own: tuple[float, float] = (1.0, 1.0),
+        own: Mapping[float, float] = UNSCALED,
     ) -> None:
         super().__init__(dim)
-        self.source = positive("growth.source", own[0] if source is None else source)
-        self.target = positive("growth.target", own[1] if target is None else target)
+        self.source = positive("growth.source", own[0.0] if source is None else source)
+        self.target = positive("growth.target", own[1.0] if target is None else target)
 
     @property
     def extremes(self) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from nsm.morphs.growth.base import Growth
 from nsm.shapes import FieldShape, Similarity
-from nsm.types import Morph, Networks, SignedDistance, Times
+from nsm.types import Key, Morph, Networks, SignedDistance, Times
 
 
 class Grown(Morph):
@@ -48,8 +48,8 @@ class Grown(Morph):
         self.morph, self.growth, self.dim, self.provenance = morph, growth, morph.dim, morph.provenance
         boxes = torch.stack([morph.bounds * relative ** (1 / morph.dim) for relative in growth.extremes])
         self.bounds = torch.stack([boxes[:, 0].amin(0), boxes[:, 1].amax(0)])
-        self.source: SignedDistance = _scaled(morph.source, growth.scale(0.0), self.dim)
-        self.target: SignedDistance = _scaled(morph.target, growth.scale(1.0), self.dim)
+        self._keys = tuple(Key(key.time, _scaled(key.shape, growth.scale(key.time), self.dim)) for key in morph.keys)
+        self.source, self.target = self._keys[0].shape, self._keys[-1].shape
 
     def __call__(self, x: Float[Tensor, "n d"], t: Times) -> Float[Tensor, " n"]:
         """Signed distance (n,) at x (n, d) and time t, one number or (n,); negative inside."""
@@ -61,6 +61,11 @@ class Grown(Morph):
         near, beyond, _ = self._pulled_back(x, t)
         gradient = self.morph.gradient(near, t)
         return torch.where(beyond == 0, gradient, torch.nn.functional.normalize(beyond, dim=1))
+
+    @property
+    def keys(self) -> tuple[Key[SignedDistance], ...]:
+        """Shapes of ``morph``, each at its scale α."""
+        return self._keys
 
     @property
     def has_velocity(self) -> bool:

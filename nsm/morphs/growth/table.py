@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import torch
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from nsm.cli.settings import increasing, invalid, positive
-from nsm.morphs.growth.base import Growth, Time
+from nsm.morphs.growth.base import UNSCALED, Growth, Time
 
 
 class Table(Growth):
@@ -18,12 +18,13 @@ class Table(Growth):
 
     Args:
         dim: Dimension d of space.
-        times: Increasing times from 0 to 1.
-        volumes: Relative volume at each time; None at the first or the last time stands for that of ``own``.
-        own: Relative volumes of the two shapes before they were scaled to one volume.
+        times: Increasing times from 0 to 1; None for those of ``own``.
+        volumes: Relative volume at each time, where None stands for that of ``own``; None for all of them.
+        own: Relative volumes of the shapes, by their times, before they were scaled to one volume.
 
     Raises:
-        InputError: If the times do not increase from 0 to 1, or there is not one positive volume for each.
+        InputError: If the times do not increase from 0 to 1, or there is not one positive volume for each, or one is
+            missing where there is no shape.
 
     References:
         F. N. Fritsch and J. Butland, A method for constructing local monotone piecewise cubic interpolants,
@@ -37,19 +38,19 @@ class Table(Growth):
     def __init__(
         self,
         dim: int,
-        times: Sequence[float] = (0.0, 1.0),
-        volumes: Sequence[float | None] = (None, None),
-        own: tuple[float, float] = (1.0, 1.0),
+        times: Sequence[float] | None = None,
+        volumes: Sequence[float | None] | None = None,
+        own: Mapping[float, float] = UNSCALED,
     ) -> None:
         super().__init__(dim)
-        knots = increasing("growth.times", times, "[0,0.3,1]")
+        knots = increasing("growth.times", sorted(own) if times is None else times, "[0,0.3,1]")
         if len(knots) < 2 or (knots[0], knots[-1]) != (0, 1):
             raise invalid("growth.times", "a list from 0 to 1", knots, "[0,0.3,1]")
-        if len(volumes) != len(knots):
-            example = ",".join(["null", *["1"] * (len(knots) - 2), "null"])
-            raise invalid("growth.volumes", f"{len(knots)} volumes, one for each time", volumes, f"[{example}]")
-        filled = [own[0] if volumes[0] is None else volumes[0], *volumes[1:]]
-        filled[-1] = own[1] if filled[-1] is None else filled[-1]
+        given = [None] * len(knots) if volumes is None else list(volumes)
+        if len(given) != len(knots):
+            example = ",".join("null" if knot in own else "1" for knot in knots)
+            raise invalid("growth.volumes", f"{len(knots)} volumes, one for each time", given, f"[{example}]")
+        filled = [own.get(knot) if value is None else value for knot, value in zip(knots, given, strict=True)]
         values = [positive("growth.volumes", value) for value in filled]
         curve = PchipInterpolator(knots, values)
         self._extremes = min(values), max(values)

@@ -7,13 +7,16 @@ from pathlib import Path
 
 import lightning as L
 
-from nsm.metrics import VolumeCurve
+from nsm.metrics import VolumeCurve, with_key_times
 from nsm.plots.strip import try_strip
 from nsm.train.callbacks.checkpoints import best_morph
 from nsm.train.callbacks.volume_curve import log_picture
 from nsm.train.callbacks.writer import MorphWriter
 from nsm.train.tasks import MorphTask
 from nsm.types import Morph
+
+#: Times of the columns of a strip, more of them in the middle of the motion.
+TIMES = (0.0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0)
 
 
 class Strip(MorphWriter):
@@ -23,13 +26,13 @@ class Strip(MorphWriter):
 
     Args:
         folder: Folder of the picture.
-        times: Times of the columns, in [0, 1].
+        times: Times of the columns, in [0, 1]; None for `TIMES` and those of the shapes that the morph passes through.
         size: Pixels along an edge of one picture.
     """
 
-    def __init__(self, folder: str, times: Sequence[float], size: int = 400) -> None:
+    def __init__(self, folder: str, times: Sequence[float] | None = None, size: int = 400) -> None:
         self.file = Path(folder) / "strip.png"
-        self.times, self.size = tuple(times), size
+        self.times, self.size = times, size
 
     def write(self, morph: Morph, curve: VolumeCurve, label: str) -> None:
         self._draw(morph)
@@ -42,4 +45,5 @@ class Strip(MorphWriter):
             log_picture(trainer, "strip", self.file)
 
     def _draw(self, morph: Morph) -> bool:
-        return try_strip(self.file, morph, self.times, size=self.size)
+        times = with_key_times(morph, TIMES) if self.times is None else self.times
+        return try_strip(self.file, morph, times, size=self.size)

@@ -2,23 +2,23 @@
 
 from nsm.train.tasks.base import Collapse, FieldTask
 from nsm.train.tasks.data import FieldData
-from nsm.train.tasks.ends import Ends, prepare_ends, starting_network
 from nsm.train.tasks.fit import SdfFit, draw_pools
+from nsm.train.tasks.keys import Keys, prepare_keys, starting_network
 from nsm.train.tasks.morph import MorphTask
 from nsm.train.tasks.schedule import constant, warmup_cosine
 from nsm.train.tasks.sdf import SdfTask
 
 __all__ = [
     "Collapse",
-    "Ends",
     "FieldData",
     "FieldTask",
+    "Keys",
     "MorphTask",
     "SdfFit",
     "SdfTask",
     "constant",
     "draw_pools",
-    "prepare_ends",
+    "prepare_keys",
     "starting_network",
     "warmup_cosine",
 ]

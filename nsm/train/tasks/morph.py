@@ -16,26 +16,27 @@ from nsm.sampling import Batch, Box, EndSurfaces, MovingSurface
 from nsm.shapes import LandmarkPairs
 from nsm.train.tasks.base import Collapse, FieldTask
 from nsm.train.tasks.validation import Validator
+from nsm.types import Key
 
-#: Fraction of the largest volume below which a morph has lost its surface at an end.
+#: Fraction of the largest volume below which a morph has lost its surface at the time of a shape.
 _VANISHED = 0.02
-#: Mean ‖∇f‖ on the end shapes above which f is noise, which distance and volume alone may not reveal.
+#: Mean ‖∇f‖ on the shapes above which f is noise, which distance and volume alone may not reveal.
 _STEEP = 100.0
 
 
 class MorphTask(FieldTask):
-    """Trains f and V together; the end shapes stay fixed.
+    """Trains f and V together; the shapes that the morph passes through stay fixed.
 
     Validation measures the extracted surface (`nsm.train.tasks.validation`), in units of length:
 
     - ``val/distance``, the mean of ``val/shape_to_morph`` and ``val/morph_to_shape``: |f|/‖∇f‖ at fixed points of the
-      end shapes, and |g| at points of the extracted surface of f at t = 0 and 1, which includes leftover pieces;
+      shapes, and |g| at points of the extracted surface of f at their times, which includes leftover pieces;
     - ``val/drift``, the displacement of the surface that causes the largest error of volume, r V^(1/d) / d with V the
       volume of the source and r the greater of ``val/volume_max`` (|V(t)/V(0) − 1|) and ``val/volume_error`` (the
-      relative difference between the volumes of f and of the end shapes);
-    - ``val/leftover``, the root mean square distance of the surface from its main components, as many as the end
-      shapes have, at the time when it is greatest; ``val/leftover_volume`` is the share of volume of the others, and
-      ``val/components`` the most components at any time.
+      relative difference between the volumes of f and of the shapes);
+    - ``val/leftover``, the root mean square distance of the surface from its main components, as many as the shapes
+      before and after have, at the time when it is greatest; ``val/leftover_volume`` is the share of volume of the
+      others, and ``val/components`` the most components at any time.
 
     The best checkpoint is the one with the least ``val/error`` = distance + drift + leftover. Validation also puts
     ``morph.bounds`` around the moving shape; ``val/beyond`` is the share of volume beyond the training box.
@@ -43,14 +44,15 @@ class MorphTask(FieldTask):
     Args:
         morph: Networks and end shapes.
         near: Sampler of interior points near the moving surface.
-        ends: Sampler of ambient points on the surface of f at both ends.
+        ends: Sampler of ambient points on the surface of f at the times of the shapes.
         box: Training box, in which all other points are drawn.
         loss: Weighted terms.
         optimizer: Factory of the optimizer, see `FieldTask`.
         scheduler: Factory of the schedule, see `FieldTask`.
         volume_resolution: Cells along the training box with which validation extracts the surface; up to five times as
-            many for thin end shapes.
-        volume_times: Number of times at which validation measures, at least 2.
+            many for thin shapes.
+        volume_times: Number of evenly spaced times at which validation measures, at least 2; it also measures at those
+            of the shapes.
         landmarks: Corresponding points of the end shapes, for losses that need them.
 
     Raises:
@@ -76,23 +78,22 @@ class MorphTask(FieldTask):
             raise invalid("task.volume_times", "an integer of at least 2", volume_times, 11)
         self.validator = Validator(morph, box.half_width, volume_resolution, volume_times)
         self.landmarks = landmarks
-        #: Whether there has been a surface at both ends, which must then stay; f with random weights has none at first.
+        #: Whether there has been a surface at all keys, which must then stay; f with random weights has none at first.
         self._whole = False
         #: The curve of the last validation.
         self.volume_curve: VolumeCurve | None = None
-        morph.source.requires_grad_(False)
-        morph.target.requires_grad_(False)
+        for key in morph.keys:
+            key.shape.requires_grad_(False)
 
     def evaluation(self, batch: Batch) -> BatchEvaluation:
         """Evaluate f and V at the points of a batch."""
         morph = self.morph
         near = self.near.place(batch, self.box.half_width)
-        shapes = morph.source.true_distance, morph.target.true_distance
-        placed = self.ends.place(near, self.near, self.box.half_width, *shapes)
+        distances = [Key(key.time, key.shape.true_distance) for key in morph.keys]
+        placed = self.ends.place(near, self.near, self.box.half_width, distances)
         known = self.landmarks and LandmarkPairs(*(points.to(placed.points) for points in self.landmarks))
         progress = self.global_step / self.trainer.max_steps
-        ends = morph.source, morph.target
-        return BatchEvaluation(placed, morph.field, morph.velocity_field, known, progress, ends)
+        return BatchEvaluation(placed, morph.field, morph.velocity_field, known, progress, morph.keys)
 
     def learn_from(self, evaluation: BatchEvaluation) -> None:
         """Let the samplers follow the moving surface."""
@@ -102,8 +103,8 @@ class MorphTask(FieldTask):
     @torch.no_grad()
     def on_train_start(self) -> None:
         super().on_train_start()
-        ends = torch.tensor([self.validator.look(time).volume for time in (0.0, 1.0)])
-        self._whole = self._whole or bool((ends > _VANISHED * ends.max()).all())
+        volumes = torch.tensor([self.validator.look(key.time).volume for key in self.morph.keys])
+        self._whole = self._whole or bool((volumes > _VANISHED * volumes.max()).all())
 
     @torch.no_grad()
     def validation_step(self, batch: Batch, index: int) -> None:
@@ -112,9 +113,7 @@ class MorphTask(FieldTask):
         jet = self.morph.field.jet(on)
         slope = jet.gradient[:, : self.morph.dim].norm(dim=1)
         if not slope.mean() < _STEEP:
-            raise Collapse(
-                f"the mean of ‖∇f‖ on the end shapes has grown to {slope.mean():.3g} by step {self.global_step}"
-            )
+            raise Collapse(f"the mean of ‖∇f‖ on the shapes has grown to {slope.mean():.3g} by step {self.global_step}")
         found = self.validator.validate(self.global_step)
         self._require_surface(found.curve)
         self.morph.enclose(found.box)
@@ -141,10 +140,10 @@ class MorphTask(FieldTask):
         )
 
     def _require_surface(self, curve: VolumeCurve) -> None:
-        """Raise a `Collapse` if a surface that was there at an end is gone, or never came."""
-        ends = curve.volumes[[0, -1]]
-        # between the ends, some baselines do lose the surface
-        lost = curve.times[[0, -1]][~(ends > _VANISHED * curve.volumes.max())]
+        """Raise a `Collapse` if a surface that was there at a key is gone, or never came."""
+        # between the keys, some baselines do lose the surface
+        at_keys = self.validator.at_keys
+        lost = curve.times[at_keys][~(curve.volumes[at_keys] > _VANISHED * curve.volumes.max())]
         if len(lost) and (self._whole or self.global_step >= self.trainer.max_steps):
             raise Collapse(f"the shape has vanished at t = {lost[0]:.2f} by step {self.global_step}")
         self._whole = self._whole or not len(lost)

@@ -18,7 +18,7 @@ from nsm.geometry.distance import sample_mesh
 from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.meshing import open_sides, surface_in_band
 from nsm.geometry.volume import volume, volume_in_surface
-from nsm.metrics import VolumeCurve, even_times, volume_beyond
+from nsm.metrics import VolumeCurve, times_through, volume_beyond
 from nsm.metrics.pieces import Leftover, Pieces
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import FieldShape
@@ -51,15 +51,17 @@ class Validation(NamedTuple):
 
     Attributes:
         curve: Volume over time.
-        box: Corners of a box around the moving shape and both end shapes, within the training box, shape (2, d).
+        box: Corners of a box, within the training box, around the moving shape and all shapes that it passes through,
+            shape (2, d).
         beyond: Volume beyond the training box, relative to that of the source; 0 where the surface keeps to the box.
-        morph_to_shape: Mean distance from the surface of f at t = 0 and 1 to the end shapes, a length.
+        morph_to_shape: Mean distance from the surface of f at the time of each shape to that shape, a length.
         volume_std: Standard deviation over time of the volume, relative to that at t = 0.
         volume_max: Greatest deviation of the volume from that at t = 0, relative to it.
-        volume_error: Greater deviation of f's volume at an end from that of the end shape, relative to it.
+        volume_error: Greatest deviation of f's volume from that of a shape at its time, relative to it.
         drift: Displacement of the surface that makes the greater of the last two, a length.
         components: Largest number of components at any of the times.
-        leftover: Greatest volume share, and greatest distance, of components that neither end shape has.
+        leftover: Greatest volume share, and greatest distance, of components that neither the shape before nor the one
+            after has.
     """
 
     curve: VolumeCurve
@@ -75,17 +77,19 @@ class Validation(NamedTuple):
 
 
 class Validator:
-    """Measures a morph in the whole training box, at evenly spaced times from 0 to 1.
+    """Measures a morph in the whole training box, at evenly spaced times and at those of its shapes.
 
     Args:
-        morph: The networks and the end shapes.
+        morph: The networks and the shapes.
         half_width: The training box is [−h, h]^d.
         resolution: Cells along the training box; thin shapes are measured with more.
-        times: Number of times.
+        times: Number of evenly spaced times.
     """
 
     def __init__(self, morph: NeuralMorph, half_width: float, resolution: int, times: int) -> None:
-        self.morph, self.times = morph, even_times(times)
+        self.morph, self.times = morph, times_through(morph, times)
+        #: Numbers of the times at which the morph must equal a shape.
+        self.at_keys = [int((self.times - key.time).abs().argmin()) for key in morph.keys]
         corner = torch.full((morph.dim,), half_width)
         self._box, self._resolution = torch.stack([-corner, corner]), resolution
 
@@ -103,9 +107,9 @@ class Validator:
         looks = [self.look(time) for time in self.times.tolist()]
         volumes = torch.tensor([look.volume for look in looks], dtype=torch.double)
         pieces = [Pieces.of(look.mesh) for look in looks]
-        relative = volumes / (volumes[0] if volumes[0] > 0 else self.end_volumes[0])
+        relative = volumes / (volumes[0] if volumes[0] > 0 else self.key_volumes[0])
         deviation = float((relative - relative[0]).abs().max()) if volumes[0] > 0 else 1.0
-        error = float((volumes[[0, -1]] / self.end_volumes - 1).abs().max())
+        error = float((volumes[self.at_keys] / self.key_volumes - 1).abs().max())
         leftovers = [piece.beyond(count) for piece, count in zip(pieces, self._expected(), strict=True)]
         self._warn_of_missing(volumes, step)
         return Validation(
@@ -123,7 +127,7 @@ class Validator:
 
     @cached_property
     def resolution(self) -> int:
-        """Cells along the training box that resolve both end shapes, wherever they lie relative to the cells."""
+        """Cells along the training box that resolve all shapes, wherever they lie relative to the cells."""
         true = [shape.volume() for shape in self._shapes]
         seen: dict[int, list[float]] = {}
         for resolution in (round(self._resolution * _MORE**times) for times in range(_TIMES_MORE + 1)):
@@ -139,7 +143,7 @@ class Validator:
             if len(last) == _UNCHANGED and max(changes) <= _VOLUME_TOLERANCE:
                 return last[0]
         log.warning(
-            "An end shape is so thin that its volume on %d cells along the training box is wrong by %.0f %%, and "
+            "A shape is so thin that its volume on %d cells along the training box is wrong by %.0f %%, and "
             "validation measures volumes roughly. Try `task.volume_resolution=%d`.",
             resolution,
             100 * error,
@@ -148,51 +152,54 @@ class Validator:
         return resolution
 
     @cached_property
-    def end_volumes(self) -> Float[Tensor, " 2"]:
-        """Volumes (2,) of the end shapes, measured like those of f; the true ones where the grid is too coarse."""
-        measured = [look.volume or shape.volume() for look, shape in zip(self._end_looks, self._shapes, strict=True)]
+    def key_volumes(self) -> Float[Tensor, " k"]:
+        """Volumes (k,) of the shapes, measured like those of f; the true ones where the grid is too coarse."""
+        measured = [look.volume or shape.volume() for look, shape in zip(self._key_looks, self._shapes, strict=True)]
         return torch.tensor(measured, dtype=torch.double)
 
     @property
-    def _shapes(self) -> tuple[FieldShape, FieldShape]:
-        return self.morph.source, self.morph.target
+    def _shapes(self) -> list[FieldShape]:
+        return [key.shape for key in self.morph.keys]
 
     @cached_property
-    def _end_looks(self) -> list[Look]:
+    def _key_looks(self) -> list[Look]:
         return [look_at(shape, self.box, self.resolution) for shape in self._shapes]
 
     @cached_property
-    def _end_pieces(self) -> list[int]:
-        """Number of components of each end shape, at least one."""
-        return [max(Pieces.of(look.mesh).components, 1) for look in self._end_looks]
+    def _key_pieces(self) -> list[int]:
+        """Number of components of each shape, at least one."""
+        return [max(Pieces.of(look.mesh).components, 1) for look in self._key_looks]
 
     @property
     def _size(self) -> float:
         """Edge of a cube with the volume of the source, a length."""
-        return float(self.end_volumes[0]) ** (1 / self.morph.dim)
+        return float(self.key_volumes[0]) ** (1 / self.morph.dim)
 
     def _expected(self) -> list[int]:
-        """Number of components that the morph may have at each time: that of the end shapes."""
-        source, target = self._end_pieces
-        return [source, *[max(source, target)] * (len(self.times) - 2), target]
+        """Number of components that the morph may have at each time: as many as the shapes before and after."""
+        expected = []
+        for (first, before), (last, after) in pairwise(zip(self.at_keys, self._key_pieces, strict=True)):
+            expected += [before, *[max(before, after)] * (last - first - 1)]
+        return [*expected, after]
 
     def _morph_to_shape(self, looks: Sequence[Look]) -> float:
-        """Mean of |g − f| at points of the meshes at both ends, where f is the error of the mesh.
+        """Mean of |g − f| at points of the meshes at the times of the shapes, where f is the error of the mesh.
 
         Without a surface, it is the diagonal of the training box.
         """
         distances = []
-        for look, shape, time in zip((looks[0], looks[-1]), self._shapes, (0.0, 1.0), strict=True):
+        for number, key in zip(self.at_keys, self.morph.keys, strict=True):
+            look = looks[number]
             if not len(look.mesh.simplices):
                 distances.append(float((self.box[1] - self.box[0]).norm()))
                 continue
             generator = torch.Generator(self.box.device).manual_seed(0)
             points = sample_mesh(look.mesh, _POINTS, generator).points
-            distances.append(float((evaluate(shape, points) - self.morph(points, time)).abs().mean()))
+            distances.append(float((evaluate(key.shape, points) - self.morph(points, key.time)).abs().mean()))
         return sum(distances) / len(distances)
 
     def _box_around(self, meshes: Sequence[SimplexMesh]) -> Float[Tensor, "2 d"]:
-        seen = [*meshes, *(look.mesh for look in self._end_looks)]
+        seen = [*meshes, *(look.mesh for look in self._key_looks)]
         # slices pass through the center of the training box, so the box must hold it
         corners = torch.cat([mesh.vertices for mesh in seen] + [self.box.mean(0, keepdim=True)])
         margin = _MARGIN * (self.box[1] - self.box[0]) / self.resolution
@@ -205,7 +212,7 @@ class Validator:
         if not cut:
             return 0.0
         found = [volume_beyond(partial(self.morph, t=time), self.box, self.resolution) for time in cut]
-        share = max(found) / float(self.end_volumes[0])
+        share = max(found) / float(self.key_volumes[0])
         log.warning(
             "At step %d the moving shape leaves the training box [-%g, %g]^%d at t = %.2g, with about %.1f %% of its "
             "volume outside, where f is not trained. Try a larger `sampler.box.half_width`.",
@@ -214,7 +221,7 @@ class Validator:
         return share
 
     def _warn_of_missing(self, volumes: Tensor, step: int) -> None:
-        missing = [f"t = {time:g}" for time, found in ((0, volumes[0]), (1, volumes[-1])) if not found > 0]
+        missing = [f"t = {self.times[number]:g}" for number in self.at_keys if not volumes[number] > 0]
         if missing:
             log.warning(
                 "At step %d f has no surface at %s yet. Until it has one, val/error counts the distance as the "
