@@ -90,9 +90,9 @@ def shape_kind(path: str | os.PathLike[str]) -> str:
     if Path(path).expanduser().is_dir():
         return "checkpoint"
     name = str(path).lower()
-    kinds = [kind for kind, endings in _ENDINGS.items() if name.endswith(endings)]
+    kinds = [kind for kind, endings in ENDINGS.items() if name.endswith(endings)]
     if not kinds:
-        known = "; ".join(f"{kind}: {', '.join(endings)}" for kind, endings in _ENDINGS.items())
+        known = "; ".join(f"{kind}: {', '.join(endings)}" for kind, endings in ENDINGS.items())
         raise InputError(
             f"The name of a file of a shape must end as one of these kinds does ({known}), got {path}. Try a mesh "
             "such as `a.obj`."
@@ -129,7 +129,8 @@ def _pages(file: Path) -> int:
         return 1
 
 
-_ENDINGS: dict[str, tuple[str, ...]] = {
+#: Endings of the names of files by what they hold; those that two kinds share are told by the content.
+ENDINGS: dict[str, tuple[str, ...]] = {
     "mesh": MESH_FORMATS,
     "points": POINT_FORMATS,
     "labels": VOLUME_FORMATS,

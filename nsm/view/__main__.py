@@ -9,7 +9,7 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -17,10 +17,13 @@ from nsm.cli import entry
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 from nsm.cli.progress import Progress
-from nsm.cli.settings import number, positive, switch, use_threads, whole_number
+from nsm.cli.settings import invalid, number, positive, switch, use_threads, whole_number
 from nsm.io.loading import LoadedMorph, load_morphs
 from nsm.metrics import even_times
 from nsm.view.pictures import Settings
+
+if TYPE_CHECKING:
+    from nsm.view.studio import Workplace
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +36,7 @@ _LAST_PORT = 65535
 
 
 def main(cfg: DictConfig) -> None:
-    """Load the morphs, and show them until a signal ends the viewer, or record them."""
+    """Show morphs, or a page to train one, until a signal ends the viewer; or record morphs."""
     require("viser", extra="view", task="The viewer")
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     settings = Settings(
@@ -52,19 +55,39 @@ def main(cfg: DictConfig) -> None:
     port = config["port"]
     if port is not None and whole_number("port", port, 1) > _LAST_PORT:
         raise InputError(f"`port` must be at most {_LAST_PORT}, got {port}. Try `port=8080`.")
-    loaded = load_morphs(config, "nsm.view")
     from nsm.view.page import Viewer
+    from nsm.view.result_page import Viewing
+    from nsm.view.server import open_page, page_address
+    from nsm.view.studio import Studio
 
-    with _stop_signal() as stopped:
-        viewer = Viewer(loaded, settings, times, seconds, memory, str(config["host"]), port)
+    viewing = Viewing(settings, times, seconds, memory)
+    named = config["checkpoint"] is not None or config["official"] is not None
+    loaded = load_morphs(config, "nsm.view") if named else []
+    workplace = _workplace(config)
+    with _stop_signal() as stopped, open_page(str(config["host"]), port) as server:
+        shown = Viewer(server, loaded, *viewing) if named else Studio(server, viewing, workplace)
         try:
-            log.info("%s shows %s. Press Ctrl-C to end.", viewer.url, ", ".join(each.name for each in loaded))
+            address = page_address(server)
+            what = f"shows {', '.join(each.name for each in loaded)}" if named else "waits for two files of shapes"
+            log.info("%s %s. Press Ctrl-C to end.", address, what)
             if switch("open_browser", config["open_browser"]):
-                _open(viewer.url)
+                _open(address)
             while not stopped.wait(_INTERVAL):
-                viewer.wait(0)
+                shown.wait(0)
         finally:
-            viewer.close()
+            shown.close()
+
+
+def _workplace(config: dict[str, Any]) -> Workplace:
+    """Where and how morphs are trained on the page."""
+    from nsm.view.studio import Workplace
+
+    train = config["train"]
+    if not isinstance(train, list) or not all(isinstance(override, str) for override in train):
+        raise invalid("train", "a list of settings of training", train, "['method=nulldiv']")
+    threads = [] if config["threads"] is None else [f"threads={config['threads']}"]
+    limit = whole_number("upload", config["upload"]) * _MIB
+    return Workplace(Path(str(config["runs"])), limit, [*threads, *train])
 
 
 def _record(file: Path, loaded: list[LoadedMorph], settings: Settings, times: list[float], seconds: float) -> None:

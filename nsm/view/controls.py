@@ -77,9 +77,6 @@ class Controls:
         self.on_settings: Callable[[Settings], None] = lambda settings: None
         self.playing = False
         gui = server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(47, 95, 179))
-        gui.set_panel_label("nsm")
-        gui.main_panel.dock_right()
         with gui.add_folder("Time"):
             step = 1 / (len(times) - 1)
             self._time: Any = gui.add_slider("t", 0.0, 1.0, step, 0.0)

@@ -6,13 +6,15 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
+import viser
+
 from nsm.cli.errors import InputError
 from nsm.io.loading import LoadedMorph
 from nsm.plots.colors import COLORS
 from nsm.view.controls import Controls, percent
 from nsm.view.pictures import PictureMaker, Settings, Surface, can_color
-from nsm.view.scene import Extent, Scene
-from nsm.view.server import close_server, open_server
+from nsm.view.scene import Scene
+from nsm.view.stage import Extent
 from nsm.view.store import Key, Store
 
 #: Updates per second of playback, more than a morph has times in it.
@@ -28,33 +30,30 @@ class Viewer:
     that have the page open show the same.
 
     Args:
+        server: Server of the page, which stays open when the viewer is closed.
         loaded: The morphs, all of one dimension.
         settings: Initial settings.
         times: At least two times in [0, 1], one per picture.
         seconds: Seconds of playback from t = 0 to t = 1.
         memory: Memory for pictures in bytes.
-        host: Address of the page.
-        port: Port of the page; None for any free one.
 
     Raises:
-        InputError: If the port is taken, the host is not an address of this machine, the morphs are of different
-            dimensions, or none has the velocity that the color needs.
+        InputError: If the morphs are of different dimensions, or none has the velocity that the color needs.
     """
 
     def __init__(
         self,
+        server: viser.ViserServer,
         loaded: Sequence[LoadedMorph],
         settings: Settings,
         times: Sequence[float],
         seconds: float = 6.0,
         memory: int = 1 << 30,
-        host: str = "127.0.0.1",
-        port: int | None = None,
     ) -> None:
         names, morphs = [each.name for each in loaded], [each.morph for each in loaded]
         dim = one_dimension(loaded)
         settings.check(morphs)
-        self.server = open_server(host, port)
+        self.server = server
         self.times, self.seconds = times, seconds
         self._makers = [PictureMaker(morph) for morph in morphs]
         self._store = Store(len(loaded), len(times), settings, memory)
@@ -73,12 +72,6 @@ class Viewer:
             thread.start()
 
     @property
-    def url(self) -> str:
-        """URL of the page."""
-        host = self.server.get_host()
-        return f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else host}:{self.server.get_port()}"
-
-    @property
     def time(self) -> int:
         """Index of the wanted time."""
         return self._store.time
@@ -87,6 +80,11 @@ class Viewer:
     def shown(self) -> set[Key]:
         """Keys of the visible pictures, one per morph."""
         return self._scene.shown
+
+    @property
+    def settings(self) -> Settings:
+        """Settings that the controls show."""
+        return self._controls.settings
 
     @property
     def figures(self) -> str:
@@ -121,12 +119,11 @@ class Viewer:
         return self._ended.is_set()
 
     def close(self) -> None:
-        """End the threads and close the page."""
+        """End the threads; the page stays as it is."""
         self._ended.set()
         self._store.close()
         for thread in self.threads:
             thread.join(_PATIENCE)
-        close_server(self.server)
 
     def _guarded(self, work: Callable[[], None]) -> None:
         try:

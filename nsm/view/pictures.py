@@ -13,11 +13,10 @@ from nsm.cli.errors import InputError
 from nsm.geometry.topology import component_count, enclosed_volume
 from nsm.geometry.volume import volume
 from nsm.io.gltf import encode_glb
-from nsm.io.palette import INSIDE, OUTLINE
 from nsm.morphs.surfaces import ExactVolume, extract_frame
 from nsm.plots.colors import NEED_VELOCITY, clay_colors, color_function
 from nsm.types import Morph, SimplexMesh
-from nsm.view.flat import filled, ribbon
+from nsm.view.flat import encode_flat
 
 
 class Settings(NamedTuple):
@@ -136,16 +135,9 @@ class PictureMaker:
     def _flat(self, surface: Surface, time: float, color: str) -> bytes:
         """A 2D shape: its inside in one color, its outline in the colors of its points."""
         mesh, edge = surface.mesh, float((self.morph.bounds[1] - self.morph.bounds[0]).max())
-        inside, band = filled(mesh, partial(self.morph, t=time), surface.level), ribbon(mesh, edge)
-        count, line = len(inside.vertices), torch.tensor(OUTLINE).expand(len(band.vertices), 3)
-        if (colors_of := color_function(color)) is not clay_colors:
-            # each segment has two vertices of the band at either end
-            ends = colors_of(self.morph, mesh.vertices, time)[mesh.simplices.long()]
-            line = ends.repeat_interleave(2, dim=1).reshape(-1, 3).cpu()
-        vertices = torch.cat([inside.vertices, band.vertices])
-        shape = SimplexMesh(vertices, torch.cat([inside.simplices, band.simplices + count]))
-        normals = torch.tensor([0.0, 0.0, 1.0]).expand(len(vertices), 3)
-        return encode_glb(shape, normals, torch.cat([torch.tensor(INSIDE).expand(count, 3), line.float()]))
+        colors_of = color_function(color)
+        colors = None if colors_of is clay_colors else colors_of(self.morph, mesh.vertices, time)
+        return encode_flat(mesh, partial(self.morph, t=time), surface.level, edge, colors).glb
 
 
 def can_color(morph: Morph, color: str) -> bool:

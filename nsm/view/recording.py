@@ -9,8 +9,9 @@ from nsm.cli.files import whole_file
 from nsm.io.loading import LoadedMorph
 from nsm.view.page import caption, one_dimension
 from nsm.view.pictures import PictureMaker, Settings
-from nsm.view.scene import Extent, Scene
+from nsm.view.scene import Scene
 from nsm.view.server import close_server, open_server
+from nsm.view.stage import Extent
 from nsm.view.store import Key
 
 

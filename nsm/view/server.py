@@ -46,6 +46,41 @@ def open_server(host: str, port: int | None) -> viser.ViserServer:
 
 
 @contextlib.contextmanager
+def open_page(host: str, port: int | None) -> Iterator[viser.ViserServer]:
+    """Open an empty page with a panel for controls, and close it at the end.
+
+    Raises:
+        InputError: Under the conditions of `open_server`.
+    """
+    server = open_server(host, port)
+    try:
+        clear(server)
+        yield server
+    finally:
+        close_server(server)
+
+
+def clear(server: viser.ViserServer) -> None:
+    """Remove everything from the scene and the panel of a page."""
+    server.scene.reset()
+    clear_panel(server)
+
+
+def clear_panel(server: viser.ViserServer) -> None:
+    """Remove everything from the panel of a page."""
+    server.gui.reset()
+    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(47, 95, 179))
+    server.gui.set_panel_label("nsm")
+    server.gui.main_panel.dock_right()
+
+
+def page_address(server: viser.ViserServer) -> str:
+    """URL of a page."""
+    host = server.get_host()
+    return f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else host}:{server.get_port()}"
+
+
+@contextlib.contextmanager
 def _own_pages_only(host: str) -> Iterator[None]:
     """Let a server that starts within the context refuse the pages of other sites.
 

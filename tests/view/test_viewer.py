@@ -13,10 +13,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
+import msgspec
 import pytest
+import viser
 from analytic import run_here, save, sentence, shrinking, unreadable
+from pages import shown
+from viser._messages import GuiUpdateMessage
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from nsm.cli.errors import InputError
 from nsm.io.loading import LoadedMorph
@@ -24,10 +29,12 @@ from nsm.view import __main__ as view
 from nsm.view.page import Viewer
 from nsm.view.pictures import PictureMaker, Settings
 from nsm.view.recording import record
-from nsm.view.server import free_port, open_server
+from nsm.view.server import free_port, open_server, page_address
 from nsm.view.store import Key
 
 COARSE = Settings(resolution=16)
+#: What a page of viser calls itself.
+PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 
 def loaded(name: str = "ball", dim: int = 3) -> LoadedMorph:
@@ -36,9 +43,8 @@ def loaded(name: str = "ball", dim: int = 3) -> LoadedMorph:
 
 @pytest.fixture
 def viewer() -> Iterator[Viewer]:
-    viewer = Viewer([loaded("left"), loaded("right")], COARSE, [0.0, 0.25, 0.5, 0.75, 1.0])
-    yield viewer
-    viewer.close()
+    with shown([loaded("left"), loaded("right")], COARSE, [0.0, 0.25, 0.5, 0.75, 1.0]) as viewer:
+        yield viewer
 
 
 def until(condition, seconds: float = 10.0) -> None:
@@ -93,8 +99,30 @@ def test_values_that_the_controls_do_not_offer_are_ignored(viewer: Viewer) -> No
     assert not viewer.wait(0)
 
 
+def test_messages_with_senseless_values_leave_the_viewer_running(viewer: Viewer) -> None:
+    controls = viewer._controls
+    before = controls.settings
+    for handle, value in (
+        (controls._speed, "foo"),
+        (controls._resolution, "3000"),
+        (controls._time, "late"),
+        (controls._offset, math.nan),
+        (controls._exact, ["no"]),
+    ):
+        with connect(page_address(viewer.server).replace("http", "ws"), subprotocols=[PROTOCOL]) as page:
+            page.recv(timeout=10)
+            message = GuiUpdateMessage(handle._impl.uuid, {"value": value})
+            page.send(msgspec.msgpack.encode(message.as_serializable_dict()))
+            page.ping().wait(10)  # answered after what was sent before it
+    until(lambda: controls._resolution.value == "3000")
+    assert controls.settings._replace(exact=before.exact) == before
+    viewer.go(2)
+    until(lambda: {key.time for key in viewer.shown} == {2})
+    assert not viewer.wait(0)
+
+
 def test_pages_of_other_sites_are_refused(viewer: Viewer) -> None:
-    address = viewer.url.replace("http", "ws")
+    address = page_address(viewer.server).replace("http", "ws")
     with connect(address, origin="http://localhost:9000"):  # through a tunnel
         pass
     for origin in ("https://example.com", "http://127.0.0.1.example.com"):
@@ -103,24 +131,22 @@ def test_pages_of_other_sites_are_refused(viewer: Viewer) -> None:
 
 
 def test_wait_raises_the_failure_of_a_thread() -> None:
-    with mock.patch.object(PictureMaker, "surface", side_effect=ZeroDivisionError("no")):
-        viewer = Viewer([loaded()], COARSE, [0.0, 1.0])
-        with pytest.raises(ZeroDivisionError):
-            viewer.wait(5)
-        viewer.close()
+    failing = mock.patch.object(PictureMaker, "surface", side_effect=ZeroDivisionError("no"))
+    with failing, shown([loaded()], COARSE, [0.0, 1.0]) as viewer, pytest.raises(ZeroDivisionError):
+        viewer.wait(5)
 
 
 def test_a_closed_viewer_leaves_port_and_threads_free() -> None:
-    viewer = Viewer([loaded()], COARSE, [0.0, 1.0])
-    port = viewer.server.get_port()
-    viewer.close()
+    with shown([loaded()], COARSE, [0.0, 1.0]) as viewer:
+        port = viewer.server.get_port()
     assert not any(thread.is_alive() for thread in viewer.threads)
     assert free_port("127.0.0.1", port) == port
 
 
 def test_morphs_of_two_dimensions_are_refused() -> None:
-    with pytest.raises(InputError, match="must have the same dimension"):
-        Viewer([loaded(), loaded(dim=2)], COARSE, [0.0, 1.0])
+    two = shown([loaded(), loaded(dim=2)], COARSE, [0.0, 1.0])
+    with pytest.raises(InputError, match="must have the same dimension"), two:
+        pass
 
 
 def test_a_busy_port_is_refused_with_a_free_one() -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,84 +10,20 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 from analytic import shrinking
-from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, sync_playwright
+from pages import shown
+from playwright.sync_api import Page
 
 from nsm.io.loading import LoadedMorph
 from nsm.view.page import Viewer
 from nsm.view.pictures import Settings
 from nsm.view.recording import record
+from nsm.view.server import page_address
 
 SETTINGS = Settings(resolution=12)
 TIMES = [0.0, 0.25, 0.5, 0.75, 1.0]
-#: No graphics card, no network, nothing but the page.
-FLAGS = (
-    *("--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
-    "--disable-sync",
-)
-#: Pixels of the page; the controls take the right.
-SIZE: ViewportSize = {"width": 800, "height": 400}
-#: Rows and columns of it that hold nothing but the scene.
+#: Rows and columns of a page that hold nothing but the scene.
 SCENE = (340, 450)
-#: Milliseconds that anything on the page may take: without a graphics card a picture takes up to some seconds.
-PATIENCE = 30_000
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    binary = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if binary is None:
-        missing = pytest.fail if os.environ.get("CI") == "true" else pytest.skip
-        missing("needs a browser: install chromium, as with apt-get install chromium")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=binary, args=FLAGS)  # a new user folder each time
-        yield browser
-        browser.close()
-
-
-#: What pages had to complain about.
-complaints: list[str] = []
-
-
-@pytest.fixture(autouse=True)
-def _no_complaints() -> Iterator[None]:
-    yield
-    told = complaints.copy()
-    complaints.clear()
-    assert told == []
-
-
-@pytest.fixture(scope="module")
-def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
-    """Opens a page, and listens to what it has to complain about."""
-    pages: list[Page] = []
-
-    def listen(message: ConsoleMessage) -> None:
-        if message.type == "error":
-            complaints.append(message.text)
-
-    def open_page(address: str, size: ViewportSize = SIZE) -> Page:
-        page = browser.new_page(viewport=size)
-        page.set_default_timeout(PATIENCE)
-        page.on("console", listen)
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("requestfailed", lambda request: complaints.append(f"{request.url} cannot be fetched"))
-        page.goto(address)
-        pages.append(page)
-        return page
-
-    yield open_page
-    for page in pages:
-        page.close()
-
-
-@pytest.fixture(scope="module")
-def artefacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where screenshots go: the folder that NSM_ARTEFACTS names, else pytest's own."""
-    named = os.environ.get("NSM_ARTEFACTS")
-    folder = Path(named) if named else tmp_path_factory.mktemp("artefacts")
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+pytestmark = pytest.mark.usefixtures("no_complaints")
 
 
 def loaded_morphs(count: int, dim: int = 3) -> list[LoadedMorph]:
@@ -98,14 +32,13 @@ def loaded_morphs(count: int, dim: int = 3) -> list[LoadedMorph]:
 
 @pytest.fixture(scope="module")
 def viewer() -> Iterator[Viewer]:
-    viewer = Viewer(loaded_morphs(2), SETTINGS, TIMES, seconds=2.0)
-    yield viewer
-    viewer.close()
+    with shown(loaded_morphs(2), SETTINGS, TIMES, seconds=2.0) as viewer:
+        yield viewer
 
 
 @pytest.fixture(scope="module")
 def page(viewer: Viewer, open_page: Callable[..., Page]) -> Page:
-    page = open_page(viewer.url)
+    page = open_page(page_address(viewer.server))
     page.get_by_text("all 10 surfaces are ready").wait_for()
     return page
 
@@ -149,7 +82,7 @@ def test_the_slider_changes_the_surfaces_and_their_volumes(page: Page, artefacts
 
 
 def test_play_moves_time_for_everybody_who_looks(viewer: Viewer, page: Page, open_page: Callable[..., Page]) -> None:
-    other = open_page(viewer.url, {"width": 700, "height": 200})
+    other = open_page(page_address(viewer.server), {"width": 700, "height": 200})
     page.get_by_role("slider").first.press("Home")
     page.get_by_role("button", name="Play").click()
     for watched in (page, other):
@@ -160,16 +93,13 @@ def test_play_moves_time_for_everybody_who_looks(viewer: Viewer, page: Page, ope
 
 
 def test_a_flat_morph_is_filled_and_takes_colors(open_page: Callable[..., Page], artefacts: Path) -> None:
-    viewer = Viewer(loaded_morphs(1, dim=2), SETTINGS, TIMES)
-    try:
-        page = open_page(viewer.url)
+    with shown(loaded_morphs(1, dim=2), SETTINGS, TIMES) as viewer:
+        page = open_page(page_address(viewer.server))
         settled(page, artefacts / "flat.png", lambda image: colored(image) > 1000)
         page.get_by_label("Shows").click()
         page.get_by_role("option", name="Eikonal residual").click()
         page.get_by_text("zero for a distance").wait_for()
         settled(page, artefacts / "eikonal.png", lambda image: bool((image[..., 1] - image[..., 2] > 40).any()))
-    finally:
-        viewer.close()
 
 
 def test_a_recording_plays_from_the_file_alone(open_page: Callable[..., Page], artefacts: Path, tmp_path: Path) -> None:
