@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from analytic import run_here, save, turning
 from problems import MOTIONS, ExactMotion
 from scipy.spatial.transform import Rotation
 
 from nsm.cli.errors import InputError
+from nsm.export import __main__ as export
 from nsm.export.formats import FORMATS
 from nsm.export.request import Request
 from nsm.morphs.file_coordinates import FileCoordinates
@@ -152,6 +154,25 @@ def test_labels_of_the_target_are_carried_backward(tmp_path: Path) -> None:
     assert (found != 0).sum() == pytest.approx((exact != 0).sum(), rel=0.02)
     assert ((found != 0) != (exact != 0)).sum() < 0.06 * (exact != 0).sum()
     assert ((at_end != 0) != (exact != 0)).sum() > 0.3 * (exact != 0).sum()  # it turned far
+
+
+def test_the_command_carries_labels_of_the_source_and_samples_its_fields(tmp_path: Path) -> None:
+    file = save(turning(3, math.pi / 2, Ball(20.0, [0.0] * 3, pose={"scale": 0.02})), tmp_path / "a.ckpt")
+    given = np.zeros([25] * 3, np.uint8)
+    given[14:17, 11:14, 10:13] = 4
+    affine = np.diag([2.0, 2.0, 2.0, 1.0])
+    affine[:3, 3] = -24
+    nibabel.save(nibabel.Nifti1Image(given, affine), tmp_path / "a.nii.gz")
+    command = (f"checkpoint={file}", "times=[1]", f"labels={tmp_path}/a.nii.gz", f"output={tmp_path}/o")
+    assert run_here(export, *command, "format=labels", "resolution=12") == 0
+    found = np.asarray(nibabel.load(tmp_path / "o" / "labels_0000.nii.gz").dataobj)
+    assert np.array_equal(found, np.rot90(given, axes=(0, 1)))
+    command = (f"checkpoint={file}", "times=[1]", f"output={tmp_path}/o", "resolution=4", "coordinates=source")
+    assert run_here(export, *command, "format=vti") == 0
+    image = pyvista.read(tmp_path / "o" / "fields_0000.vti")
+    assert image.bounds == pytest.approx((-50, 50) * 3)
+    turned = np.pi / 2 * np.stack([-image.points[:, 1], image.points[:, 0], 0 * image.points[:, 2]], 1)
+    assert image.point_data["velocity"] == pytest.approx(turned, abs=0.01)  # mm per unit of t
 
 
 def _placing(affine: np.ndarray) -> Similarity:
