@@ -57,6 +57,7 @@ class HarmonicGradient:
         padded = torch.stack([bounds[0] - pad, bounds[1] + pad]).double()
         self.lattice = Lattice.corners(padded, resolution + 2 * _MARGIN)
         self.index, g0, g1 = _around_shell(inner, outer, self.lattice)
+        self._outer = g1
         self._slots = np.full(self.lattice.shape, -1, dtype=np.int64)
         self._slots[tuple(self.index.T)] = np.arange(len(self.index))
         self.steps = self.lattice.step.numpy()
@@ -67,15 +68,22 @@ class HarmonicGradient:
         self.gradients = self._extended(sides, _ratio(g0, g1))
 
     def __call__(self, x: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
-        """Interpolate ∇h at points of the shell, shape (n, d)."""
+        """Interpolate ∇h at points of the shell, shape (n, d); 0 far from it."""
+        return self._interpolated(self.gradients, x)
+
+    def to_outer(self, x: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
+        """Interpolate the signed distance g₁ at points of the shell, shape (n,); 0 far from it."""
+        return self._interpolated(self._outer[:, None], x)[:, 0]
+
+    def _interpolated(self, values: np.ndarray, x: Tensor) -> Tensor:
         position = (x.double().cpu() - self.lattice.origin).numpy() / self.steps
         cell = np.clip(np.floor(position).astype(np.int64), 0, np.array(self.lattice.shape) - 2)
         offset = np.clip(position - cell, 0, 1)
-        total, weights = np.zeros(x.shape), np.zeros(len(x))
+        total, weights = np.zeros((len(x), values.shape[1])), np.zeros(len(x))
         for corner in product((0, 1), repeat=x.shape[1]):
             slot = self._slots[tuple((cell + corner).T)]
             weight = np.where(slot >= 0, np.where(corner, offset, 1 - offset).prod(1), 0.0)
-            total += weight[:, None] * self.gradients[slot]
+            total += weight[:, None] * values[slot]
             weights += weight
         return torch.from_numpy(total / np.maximum(weights, 1e-12)[:, None]).to(x)
 

@@ -2,22 +2,44 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from nsm.geometry.advection import Progress
 from nsm.geometry.harmonic import HarmonicGradient
 from nsm.types import SignedDistance, SimplexMesh
 
-#: Runge-Kutta steps from the inner to the outer surface.
-_STEPS = 32
-#: Newton steps at the outer surface, and the greatest change of h in one of them.
-_CORRECTIONS, _MOST = 3, 0.25
-#: Least slope of h relative to the steepest one, below which a column counts as having no length.
+log = logging.getLogger(__name__)
+
+#: Length of a Runge-Kutta step along a column, in cells.
+_STEP = 0.25
+#: Greatest length of a column, in edges of the box; longer ones are lost.
+_LONGEST = 1.0
+#: Newton steps at the outer surface.
+_CORRECTIONS = 3
+#: Slope of h times the edge of the box below which its direction is not known.
 _FLAT = 1e-6
+
+
+class _Segment(NamedTuple):
+    """One step along the columns that have not ended before.
+
+    Attributes:
+        column: Numbers of the columns, shape (m,).
+        places: Places before and after the step, shape (2, m, d).
+        moments: Times of the flow of ∇h at both, shape (2, m).
+        gradients: ∇h at both, shape (2, m, d).
+    """
+
+    column: Int[Tensor, " m"]
+    places: Float[Tensor, "2 m d"]
+    moments: Float[Tensor, "2 m"]
+    gradients: Float[Tensor, "2 m d"]
 
 
 class Columns:
@@ -40,10 +62,11 @@ class Columns:
         outer: Signed distance g₁ of the outer surface, which encloses the inner one.
         bounds: Corners of a box that contains the outer surface, shape (2, d).
         resolution: Number of cells along the longest edge of the box.
-        progress: Called with the number of finished steps and of all steps.
+        progress: Called with the number of finished columns and of all.
 
     Attributes:
         touching: Whether each point lies on the outer surface, or outside of it, so that its column has no length.
+        lost: Whether a column does not reach the outer surface, because ∇h is 0 or the column is long.
 
     References:
         Bok, Der Einfluß der in den Furchen und Windungen auftretenden Krümmungen der Großhirnrinde auf die
@@ -54,6 +77,7 @@ class Columns:
     """
 
     touching: Bool[Tensor, " n"]
+    lost: Bool[Tensor, " n"]
 
     def __init__(
         self,
@@ -64,56 +88,75 @@ class Columns:
         resolution: int,
         progress: Progress = lambda done, total: None,
     ) -> None:
-        x = points.double()
-        self.touching = outer(x) >= 0
-        progress(0, _STEPS)
+        self._start = points.double()
+        self.touching = outer(self._start) >= 0
+        progress(0, len(points))
         self._gradient = HarmonicGradient(inner, outer, bounds, resolution)
-        self._flat = _FLAT / float((bounds[1] - bounds[0]).max())
-        places, moments = [x], [x.new_zeros(len(x))]
-        for step in range(_STEPS):
-            place, duration = self._advanced(places[-1], 1 / _STEPS)
-            places.append(place)
-            moments.append(moments[-1] + duration)
-            progress(step + 1, _STEPS)
-        end, total = places[-1], moments[-1]
-        for _ in range(_CORRECTIONS):  # ∇h is normal to the outer surface there
-            slope = self._slope(end)[1]
-            rise = (-outer(end).to(x) * slope).clamp(-_MOST, _MOST)
-            end, total = end + (rise / slope)[:, None] * self._direction(end), total + rise / slope**2
-        self._places, self._moments, self._total = torch.stack(places), torch.stack(moments), total
+        edge = float((bounds[1] - bounds[0]).max())
+        self._step, self._flat = _STEP * edge / resolution, _FLAT / edge
+        self._segments: list[_Segment] = []
+        self._total = self._start.new_zeros(len(points))
+        column, x = torch.arange(len(points))[~self.touching], self._start[~self.touching]
+        for _ in range(int(_LONGEST * edge / self._step)):
+            known = self._gradient(x).norm(dim=1) > self._flat
+            column, x = column[known], x[known]
+            if not len(column):
+                break
+            after = self._advanced(x)
+            ended = self._gradient.to_outer(after) >= 0
+            after[ended] = self._onto(outer, after[ended])
+            self._append(column, x, after)
+            column, x = column[~ended], after[~ended]
+            progress(len(points) - len(column), len(points))
+        ends = torch.zeros_like(self.touching)
+        for segment in self._segments:
+            ends[segment.column] = outer(segment.places[1]).abs().to(self._start) < self._step
+        self.lost = ~(ends | self.touching)
 
     def at(self, fraction: float) -> Float[Tensor, "n d"]:
         """Points below which a fraction of the volume of each column lies, shape (n, d)."""
-        moment = fraction * self._total
-        row = (self._moments[1:-1] < moment).sum(0)
-        which = torch.arange(len(row))
-        start, end = self._moments[row, which], self._moments[row + 1, which]
-        before, after = self._places[row, which], self._places[row + 1, which]
-        length = (end - start)[:, None]
-        u = ((moment - start) / (end - start))[:, None]
-        slopes = self._gradient(before) * length, self._gradient(after) * length
-        # cubic through both places with the velocity ∇h there
-        inward = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
-        place = inward + slopes[0] * u * (1 - u) ** 2 - slopes[1] * u**2 * (1 - u)
-        beyond = after + slopes[1] * (u - 1)  # past the last place, where h is a little below 1
-        return torch.where(self.touching[:, None], self._places[0], torch.where(u > 1, beyond, place))
+        found = self._start.clone()
+        for segment in self._segments:
+            wanted = fraction * self._total[segment.column]
+            here = wanted >= segment.moments[0]  # a later segment replaces it if that holds there, too
+            duration = (segment.moments[1] - segment.moments[0]).clamp(min=1e-300)
+            u = ((wanted - segment.moments[0]) / duration).clamp(0, 1)[:, None]
+            before, after = segment.places
+            # cubic through both places with the velocity ∇h there, which is bounded so that it does not overshoot
+            most = 3 * (after - before).norm(dim=1)
+            speeds = segment.gradients * duration[:, None]
+            speeds = speeds * (most / speeds.norm(dim=2).clamp(min=1e-300)).clamp(max=1)[..., None]
+            place = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
+            place = place + speeds[0] * u * (1 - u) ** 2 - speeds[1] * u**2 * (1 - u)
+            found[segment.column[here]] = place[here]
+        return found
 
-    def _advanced(self, x: Tensor, rise: float) -> tuple[Tensor, Tensor]:
-        """Move points to where h is greater by ``rise`` (Runge-Kutta of order 4), and return the time it takes, too."""
-        rates: list[tuple[Tensor, Tensor]] = []
-        for share in (0.0, 0.5, 0.5, 1.0):
-            at = x + share * rise * rates[-1][0] if rates else x
-            gradient, slope = self._slope(at)
-            rates.append((gradient / slope[:, None] ** 2, slope**-2))
-        weights = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-        moved = sum(weight * rate[0] for weight, rate in zip(weights, rates, strict=True))
-        duration = sum(weight * rate[1] for weight, rate in zip(weights, rates, strict=True))
-        return x + rise * moved, rise * torch.as_tensor(duration)
+    def _advanced(self, x: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
+        """Move points by one step along ∇h/‖∇h‖ (Runge-Kutta of order 4)."""
+        first = self._direction(x)
+        second = self._direction(x + self._step / 2 * first)
+        third = self._direction(x + self._step / 2 * second)
+        fourth = self._direction(x + self._step * third)
+        return x + self._step / 6 * (first + 2 * second + 2 * third + fourth)
 
-    def _slope(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """∇h (n, d) and its norm (n,), which is never 0."""
-        gradient = self._gradient(x)
-        return gradient, gradient.norm(dim=1).clamp(min=self._flat)
+    def _onto(self, outer: SignedDistance, x: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
+        """Move points near the outer surface onto it along ∇h, which is normal to it there."""
+        for _ in range(_CORRECTIONS):
+            away = outer(x).to(x).clamp(-2 * self._step, 2 * self._step)
+            x = x - away[:, None] * self._direction(x)
+        return x
+
+    def _append(self, column: Tensor, before: Tensor, after: Tensor) -> None:
+        """Add a step; the time that it takes is ∫ dl / ‖∇h‖, by Simpson's rule."""
+        gradients = torch.stack([self._gradient(before), self._gradient(after)])
+        middle = self._gradient((before + after) / 2)
+        slowness = [1 / g.norm(dim=1).clamp(min=self._flat) for g in (gradients[0], middle, gradients[1])]
+        length = (after - before).norm(dim=1)
+        start = self._total[column]
+        end = start + length / 6 * (slowness[0] + 4 * slowness[1] + slowness[2])
+        self._total[column] = end
+        moments, places = torch.stack([start, end]), torch.stack([before, after])
+        self._segments.append(_Segment(column, places, moments, gradients))
 
     def _direction(self, x: Tensor) -> Tensor:
         return torch.nn.functional.normalize(self._gradient(x), dim=1)
@@ -139,7 +182,7 @@ def equal_volume_surfaces(
         bounds: Corners of a box that contains the outer surface, shape (2, d).
         fractions: Fractions from 0, the inner surface itself, to 1, the outer one.
         resolution: Number of cells along the longest edge of the box.
-        progress: Called with the number of finished steps and of all steps.
+        progress: Called with the number of finished columns and of all.
 
     Example:
         >>> import torch
@@ -151,4 +194,7 @@ def equal_volume_surfaces(
         1.58
     """
     columns = Columns(mesh.vertices, inner, outer, bounds, resolution, progress)
+    if columns.lost.any():
+        message = "%.2g %% of the columns do not reach the outer surface; try a higher resolution"
+        log.warning(message, 100 * float(columns.lost.double().mean()))
     return [SimplexMesh(columns.at(fraction), mesh.simplices) for fraction in fractions]
