@@ -13,7 +13,7 @@ from nsm.cli.errors import InputError
 from nsm.cli.settings import choice, moments, positive, switch, use_threads, whole_number
 from nsm.export.formats import FORMATS
 from nsm.export.request import Format, Request
-from nsm.io.loading import LoadedMorph, load_morphs, output_folder
+from nsm.io.loading import LoadedMorph, load_morphs, output_folder, retimed
 from nsm.shapes.download import file_sha256
 from nsm.types import Morph
 
@@ -29,7 +29,7 @@ def main(cfg: DictConfig) -> None:
     use_threads(config)
     if config["format"] is not None:
         choice("format", config["format"], FORMATS)
-    loaded = _one(load_morphs(config, "nsm.export"))
+    loaded = _one(retimed(load_morphs(config, "nsm.export"), config["timing"]))
     chosen = _format(config["format"], loaded.morph.dim)
     morph = loaded.morph
     if chosen.holds_networks and loaded.network is not None:
@@ -49,7 +49,12 @@ def main(cfg: DictConfig) -> None:
         project=switch("project", config["project"]),
         seconds=positive("seconds", config["seconds"]),
         labels=_labels(config["labels"], chosen),
-        identity={"morph": _content(loaded), "growth": config["growth"], "ends": config["ends"]},
+        identity={
+            "morph": _content(loaded),
+            "growth": config["growth"],
+            "timing": config["timing"],
+            "ends": config["ends"],
+        },
     )
     chosen.export(request)
 

@@ -28,16 +28,20 @@ def write_safetensors(path: Path | str, morph: Morph) -> None:
         morph: A morph of networks.
 
     Raises:
-        InputError: If the morph is not made of networks alone, because its volume changes or its velocity is a formula,
-            or the file cannot be written.
+        InputError: If the morph is not made of networks alone, because its volume changes, it is symmetric, or its
+            velocity is a formula, or the file cannot be written.
     """
     networks = morph.networks()
     if networks.weights is None:
         described = networks.description
-        what = "a changing volume" if described["grown"] else f"the velocity {described['velocity']['kind']}"
+        what, instead = f"the velocity {(described['velocity'] or {}).get('kind')}", ""
+        if described["symmetry"]:
+            what = "a symmetry"
+        if described["grown"]:
+            what, instead = "a changing volume", " or `growth=none`"
         raise InputError(
             f"`format` must be pt2 or onnx for a morph with {what}, which is a formula without weights, got "
-            "safetensors. Try `format=onnx`" + (" or `growth=none`." if described["grown"] else ".")
+            f"safetensors. Try `format=onnx`{instead}."
         )
     with whole_file(path) as temporary:
         save_file(networks.weights, temporary, metadata={DESCRIPTION: json.dumps(networks.description)})

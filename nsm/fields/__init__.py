@@ -3,8 +3,10 @@
 from nsm.fields.beta import Beta, Gaussian, Quadratic, Quartic, Rational
 from nsm.fields.init import OfficialInit, OwnInit, SirenInit, SourceInit
 from nsm.fields.lipschitz import LipschitzMlp
+from nsm.fields.mirror import Mirror
 from nsm.fields.scalar import ScalarNetwork
 from nsm.fields.siren import ScalarSiren, Siren, VectorSiren
+from nsm.fields.symmetric import SymmetricField, SymmetricVelocity
 from nsm.fields.velocity import AdaDiv, Free, LearnedVelocity, Nise, NullDiv, Velocity
 
 __all__ = [
@@ -14,6 +16,7 @@ __all__ = [
     "Gaussian",
     "LearnedVelocity",
     "LipschitzMlp",
+    "Mirror",
     "Nise",
     "NullDiv",
     "OfficialInit",
@@ -26,6 +29,8 @@ __all__ = [
     "Siren",
     "SirenInit",
     "SourceInit",
+    "SymmetricField",
+    "SymmetricVelocity",
     "VectorSiren",
     "Velocity",
 ]

@@ -13,9 +13,11 @@ from nsm.cli.settings import choice
 from nsm.io.build import build
 from nsm.io.checkpoint import find_checkpoint, load_morph
 from nsm.io.official import load_official, official_name
+from nsm.io.timing import build_timing
 from nsm.morphs.exact_ends import ExactEnds
 from nsm.morphs.exact_keys import ExactKeys
 from nsm.morphs.growth import UNSCALED, Grown, Growth
+from nsm.morphs.timing import Retimed
 from nsm.types import Morph
 
 log = logging.getLogger(__name__)
@@ -145,6 +147,25 @@ def build_growth(config: Mapping[str, Any] | None, dim: int, own: Mapping[float,
             f"`growth` must have the arguments of {config['_target_']}, got {arguments} ({error}). Try "
             "`growth=volume_linear`."
         ) from error
+
+
+def retimed(loaded: Sequence[LoadedMorph], config: Mapping[str, Any]) -> list[LoadedMorph]:
+    """Let the morphs follow the timing of a configuration, so that their times are those of a film.
+
+    Args:
+        loaded: Morphs, in their own time.
+        config: ``_target_``, a subclass of `Timing`, and its arguments (``conf/timing``).
+
+    Raises:
+        InputError: If the target is not a timing, or does not take these arguments.
+    """
+    timing = build_timing(config)
+    if timing is None:
+        return list(loaded)
+    return [
+        each._replace(morph=Retimed(each.morph, timing), network=each.network and Retimed(each.network, timing))
+        for each in loaded
+    ]
 
 
 def run_folder(file: Path) -> Path:

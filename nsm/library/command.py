@@ -13,6 +13,7 @@ from rich.console import Console
 from nsm.cli.errors import InputError
 from nsm.cli.groups import options
 from nsm.cli.settings import choice, nearest, whole_number
+from nsm.io.timing import read_timing
 from nsm.library.trained import FRAMES, RESOLUTION
 from nsm.library.training import morph
 
@@ -26,6 +27,8 @@ OUTPUTS = {
     ".usd": "an animated mesh",
     ".ckpt": "a checkpoint for the other commands",
 }
+#: Values of ``--symmetry``.
+PLANES = ("none", "x", "y", "z")
 _EXAMPLE = "nsm morph a.obj b.obj -o film.mp4"
 
 
@@ -49,8 +52,10 @@ def main(arguments: list[str]) -> None:
     given = _parser().parse_args(arguments)
     choice("budget", given.budget, options("budget"))
     choice("align", given.align, options("align"))
+    choice("symmetry", given.symmetry, PLANES)
     whole_number("frames", given.frames, least=2, example=FRAMES)
     whole_number("resolution", given.resolution, least=8, example=RESOLUTION)
+    read_timing(given.timing)  # fails before training
     output = _output(given)
     source, *between, target = _shapes(given.shapes)
     result = morph(
@@ -66,8 +71,9 @@ def main(arguments: list[str]) -> None:
         between_settings=_settings("between", given.between_setting),
         align=given.align,
         landmarks=given.landmarks,
+        symmetry=given.symmetry,
     )
-    written = result.save(output, frames=given.frames, resolution=given.resolution)
+    written = result.save(output, frames=given.frames, resolution=given.resolution, timing=given.timing)
     Console(soft_wrap=True, highlight=False, markup=False).print(f"wrote {written}")
 
 
@@ -106,6 +112,17 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE.csv",
         help="corresponding points that the motion carries, with a point of the source and one of the target per row, "
         "in the coordinates of both files",
+    )
+    parser.add_argument(
+        "--symmetry",
+        default="none",
+        help="mirror plane that the motion keeps, through the center of both shapes: x, y, or z for the axis "
+        "perpendicular to it, or none (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--timing",
+        default="linear",
+        help="pace of the motion: linear, smooth, ease_in, or ease_out (default: %(default)s)",
     )
     parser.add_argument(
         "--frames", type=int, default=FRAMES, metavar="N", help="number of meshes or pictures (default: %(default)s)"

@@ -21,7 +21,9 @@ from nsm.export.surfaces import similarity_to
 from nsm.geometry.volume import volume
 from nsm.io import checkpoint, official
 from nsm.io.loading import exact_ends, known_ends
+from nsm.io.timing import TimingLike, read_timing
 from nsm.morphs.surfaces import extract_frame
+from nsm.morphs.timing import Retimed
 from nsm.plots.look import Look
 from nsm.plots.strip import SUFFIXES as PICTURES
 from nsm.plots.strip import render_strip
@@ -162,6 +164,7 @@ class TrainedMorph(Morph):
         resolution: int = RESOLUTION,
         seconds: float = 4.0,
         size: Sequence[int] = SIZE,
+        timing: TimingLike = "linear",
     ) -> Path:
         """Write the morph in the format that the suffix of ``path`` names.
 
@@ -179,6 +182,8 @@ class TrainedMorph(Morph):
             resolution: Cells along the longest edge of the box.
             seconds: Duration of an animation or a film.
             size: Width and height of a film in pixels.
+            timing: Pace of the motion: ``linear``, ``smooth``, ``ease_in``, ``ease_out``, or pairs of film time and
+                time of the morph from (0, 0) to (1, 1). It does not change a checkpoint.
 
         Returns:
             The path that was written.
@@ -190,19 +195,21 @@ class TrainedMorph(Morph):
         suffix, times = path.suffix.lower(), moments("frames", whole_number("frames", frames, 1))
         if suffix == ".ckpt":
             return self._save_checkpoint(path)
+        pace = read_timing(timing)
+        morph = self._morph if pace is None else Retimed(self._morph, pace)
         if suffix in FILMS:
-            render_film(path, self._morph, pace=Pace(seconds=seconds), size=size, look=Look(resolution=resolution))
+            render_film(path, morph, pace=Pace(seconds=seconds), size=size, look=Look(resolution=resolution))
             return path
         if suffix in PICTURES:
-            render_strip(path, self._morph, times, look=Look(resolution=resolution))
+            render_strip(path, morph, times, look=Look(resolution=resolution))
             return path
         name = {"": "ply" if self.dim == 3 else "obj", ".usda": "usd", ".usdz": "usd"}.get(suffix, suffix[1:])
         if name not in FORMATS or (suffix and not (FORMATS[name].is_file and self.dim in FORMATS[name].dims)):
             endings = ".ckpt, .glb, .usd, .mp4, .gif, .png, or nothing for a folder of meshes"
             raise InputError(f"`path` must end in {endings}, got {path}. Try `morph.save('morph.glb')`.")
-        identity = {"morph": self._identity, "exact": self._morph is not self.network}
+        identity = {"morph": self._identity, "exact": self._morph is not self.network, "timing": timing}
         advect = FORMATS[name].advects and self.has_velocity
-        request = Request(self._morph, path, times, resolution, advect=advect, seconds=seconds, identity=identity)
+        request = Request(morph, path, times, resolution, advect=advect, seconds=seconds, identity=identity)
         return FORMATS[name].export(request)
 
     def _save_checkpoint(self, path: Path) -> Path:

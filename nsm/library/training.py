@@ -78,7 +78,8 @@ def morph(
         target_settings: Settings of the target.
         between_settings: Settings of every shape between them.
         options: Any other choice or setting of ``conf/train.yaml``: a choice by the name of its file
-            (``velocity="nulldiv"``), settings of a group as a dictionary (``optimizer={"lr": 5e-4}``).
+            (``velocity="nulldiv"``), settings of a group as a dictionary (``optimizer={"lr": 5e-4}``), or both as
+            a pair (``symmetry=("plane", {"normal": [1, 1, 0]})``).
 
     Returns:
         The morph of the best validation.
@@ -212,7 +213,9 @@ def _choices(options: Mapping[str, Any]) -> list[str]:
     Raises:
         InputError: If the group has no such file.
     """
-    chosen = {name: value for name, value in options.items() if isinstance(value, str) and name in _groups()}
+    chosen = {
+        name: value[0] if isinstance(value, tuple) else value for name, value in options.items() if _names(name, value)
+    }
     for name, value in chosen.items():
         if value not in _variants(name):
             near = nearest(value, _variants(name)) or _variants(name)[0]
@@ -221,19 +224,24 @@ def _choices(options: Mapping[str, Any]) -> list[str]:
 
 
 def _settings(cfg: DictConfig, options: Mapping[str, Any]) -> list[str]:
-    """The overrides for all other options.
+    """The overrides for all other options, and for the settings of a file that is named with some.
 
     Raises:
         InputError: If there is no such setting.
     """
     found = []
     for name, value in options.items():
-        if isinstance(value, str) and name in _groups():
+        if _names(name, value) and not isinstance(value, tuple):
             continue
-        for key, entry in _flat(name, value):
+        for key, entry in _flat(name, value[1] if _names(name, value) else value):
             _require_setting(cfg, key)
             found.append(f"{key}={_literal(entry)}")
     return found
+
+
+def _names(name: str, value: Any) -> bool:
+    """Whether an option names a file of a group, alone or in a pair with settings of that file."""
+    return name in _groups() and (isinstance(value, str) or (isinstance(value, tuple) and len(value) == 2))
 
 
 def _require_setting(cfg: DictConfig, key: str) -> None:
@@ -241,7 +249,7 @@ def _require_setting(cfg: DictConfig, key: str) -> None:
     node: Any = cfg
     for part in parents:
         node = node[part] if isinstance(node, DictConfig) and part in node else None
-    if isinstance(node, DictConfig) and last in node:
+    if isinstance(node, DictConfig) and last in list(node):  # a value that must be given is not `in` the node
         return
     known = [str(name) for name in (node if isinstance(node, DictConfig) else cfg) if name != "hydra"]
     place = f"setting of `{'.'.join(parents)}`" if parents else "option of training"

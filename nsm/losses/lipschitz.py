@@ -5,8 +5,6 @@ from __future__ import annotations
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.cli.errors import InputError
-from nsm.fields.lipschitz import LipschitzMlp
 from nsm.losses.base import Term
 from nsm.losses.evaluation import BatchEvaluation
 
@@ -20,9 +18,4 @@ class LipschitzBound(Term):
     """
 
     def residual(self, evaluation: BatchEvaluation) -> Float[Tensor, 1]:
-        if not isinstance(evaluation.field, LipschitzMlp):
-            raise InputError(
-                f"`field` must be a Lipschitz network for this loss, got {type(evaluation.field).__name__}. Try "
-                "`field=lipschitz`."
-            )
         return evaluation.field.bound[None]

@@ -64,8 +64,9 @@ def portable_networks(
         "inputs": {"points": ["n", dim], "time": ["n"]},
         "outputs": list(_OUTPUTS if velocity else _OUTPUTS[:2]),
         "grown": False,
-        "field": _architecture(field),
-        "velocity": None if velocity is None else _describe_velocity(velocity),
+        "symmetry": field.symmetry,
+        "field": _architecture(field.core),
+        "velocity": None if velocity is None else _describe_velocity(velocity.core),
         **shapes,
     }
     program = FieldProgram(field, velocity)
@@ -78,8 +79,8 @@ def portable_networks(
 
 
 def _weights(program: FieldProgram) -> dict[str, Tensor] | None:
-    """Layers of both networks by name; None where V is a formula without a network."""
-    if not isinstance(program.velocity, LearnedVelocity | None):
+    """Layers of both networks by name; None where f or V is a formula, such as a mean over mirror images."""
+    if program.field.symmetry or not isinstance(program.velocity, LearnedVelocity | None):
         return None
     parts: dict[str, nn.Module] = {"field": program.field}
     if program.velocity is not None:

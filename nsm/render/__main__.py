@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from nsm.cli import entry
 from nsm.cli.progress import Progress
 from nsm.cli.settings import moment, moments, number, numbers, switch, use_threads, whole_number
-from nsm.io.loading import LoadedMorph, load_morphs, output_folder
+from nsm.io.loading import LoadedMorph, load_morphs, output_folder, retimed
 from nsm.morphs.surfaces import ExactVolume, Levels
 from nsm.plots.colors import color_function
 from nsm.plots.look import Look, zero_levels
@@ -34,7 +34,7 @@ def main(cfg: DictConfig) -> None:
     use_threads(config)
     kind = config["kind"]
     draw, suffix = KINDS[kind]
-    loaded = load_morphs(config, "nsm.render")
+    loaded = retimed(load_morphs(config, "nsm.render"), config["timing"])
     file = Path(config["output"]) if config["output"] else output_folder(loaded, "render") / f"{kind}{suffix}"
     with Progress(f"drawing the {kind}", unit="pictures") as progress:
         draw(file, loaded, config, progress.update)

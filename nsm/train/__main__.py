@@ -20,10 +20,12 @@ from nsm.cli import entry
 from nsm.cli.errors import InputError
 from nsm.cli.runtime import keep_freed_memory
 from nsm.cli.settings import choice, use_threads, whole_number
+from nsm.fields import Mirror
 from nsm.io.build import build
 from nsm.io.checkpoint import describe
 from nsm.sampling import Fractions, MorphSampler
 from nsm.shapes import Shape
+from nsm.shapes.asymmetry import asymmetry
 from nsm.shapes.landmarks import warn_of_distant
 from nsm.train.callbacks import Checkpoints, ExitOnSignal, MorphWriter, Progress, StopOnSignal
 from nsm.train.optimal_transport import transport_run
@@ -35,6 +37,8 @@ log = logging.getLogger(__name__)
 
 #: Points on the shapes, equally many on each, at which validation measures a morph.
 VALIDATION_POINTS = 8000
+#: Mean distance of an end shape from its mirror image above which training warns of an asymmetry.
+ASYMMETRY_WARNING = 0.005
 #: Instantiates ``_target_`` from plain lists and dicts: no part of the configuration object may enter a checkpoint.
 instantiate = partial(hydra_instantiate, _convert_="all")
 
@@ -118,6 +122,11 @@ def _finish(loggers: list[Logger]) -> None:
 def _require_valid(cfg: DictConfig, kinds: tuple[str, ...]) -> None:
     """Refuse settings with which a run would fail late or never end."""
     choice("task.kind", cfg.task.kind, kinds)
+    if cfg.symmetry and cfg.task.kind != "morph":
+        raise InputError(
+            "`symmetry` must come with a morph that is trained, got "
+            f"task={HydraConfig.get().runtime.choices['task']}. Try `symmetry=none`, or `method=adadiv`."
+        )
     if cfg.landmarks and not (cfg.velocity and cfg.task.kind == "morph"):
         chosen = HydraConfig.get().runtime.choices
         raise InputError(
@@ -165,11 +174,14 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
         "between": [key.shape.config() for key in found.keys[1:-1]],
         "times": [key.time for key in found.keys],
     }
+    if cfg.symmetry:
+        model = _symmetric(instantiate(cfg.symmetry), model, found)
     morph = build(model)
     for key, prepared in zip(morph.keys, found.keys, strict=True):
         key.shape.load_state_dict(prepared.shape.state_dict())
     init = instantiate(cfg.init)
-    init(morph.field, starting_network(morph.field, found.source, fit) if init.needs_source else None)
+    network = morph.field.core
+    init(network, starting_network(network, found.source, fit) if init.needs_source else None)
 
     sampler = instantiate(cfg.sampler)
     box = sampler["box"](dim=dim)
@@ -207,6 +219,22 @@ def _shapes(cfg: DictConfig) -> list[Shape]:
 def _keys(cfg: DictConfig, shapes: list[Shape], fit: SdfFit) -> Keys:
     """The shapes of a configuration, ready for a morph."""
     return prepare_keys(shapes, fit, equal=cfg.equal_volume, align=instantiate(cfg.align), times=cfg.times)
+
+
+def _symmetric(mirror: Mirror, model: dict[str, Any], keys: Keys) -> dict[str, Any]:
+    """Make f and V of a model symmetric, and tell how far the shapes are from that."""
+    dim = keys.source.dim
+    away = [asymmetry(key.shape, mirror.reflection(dim)) for key in keys.keys]
+    said = ", ".join(f"{distance:.2g}" for distance in away)
+    log.info("mean distances of the shapes from their mirror images: %s", said)
+    if max(away) > ASYMMETRY_WARNING:
+        log.warning(
+            "The shapes deviate from `symmetry` by %s on average, in order of time, so the networks learn the mean of "
+            "each shape and its mirror image. Try another plane, `align=rigid`, or `symmetry=none`.",
+            said,
+        )
+    velocity = model["velocity"] and mirror.velocity(model["velocity"], dim)
+    return model | {"field": mirror.field(model["field"], dim), "velocity": velocity}
 
 
 def _prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:

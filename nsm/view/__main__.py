@@ -18,7 +18,7 @@ from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 from nsm.cli.progress import Progress
 from nsm.cli.settings import invalid, number, positive, switch, use_threads, whole_number
-from nsm.io.loading import LoadedMorph, load_morphs
+from nsm.io.loading import LoadedMorph, load_morphs, retimed
 from nsm.metrics import even_times
 from nsm.view.pictures import Settings
 
@@ -49,7 +49,7 @@ def main(cfg: DictConfig) -> None:
     seconds = positive("seconds", config["seconds"])
     use_threads(config)
     if config["record"] is not None:
-        _record(_page_file(config["record"]), load_morphs(config, "nsm.view"), settings, times, seconds)
+        _record(_page_file(config["record"]), _loaded(config), settings, times, seconds)
         return
     memory = whole_number("memory", config["memory"], 1) * _MIB
     port = config["port"]
@@ -62,7 +62,7 @@ def main(cfg: DictConfig) -> None:
 
     viewing = Viewing(settings, times, seconds, memory)
     named = config["checkpoint"] is not None or config["official"] is not None
-    loaded = load_morphs(config, "nsm.view") if named else []
+    loaded = _loaded(config) if named else []
     workplace = _workplace(config)
     with _stop_signal() as stopped, open_page(str(config["host"]), port) as server:
         shown = Viewer(server, loaded, *viewing) if named else Studio(server, viewing, workplace)
@@ -76,6 +76,11 @@ def main(cfg: DictConfig) -> None:
                 shown.wait(0)
         finally:
             shown.close()
+
+
+def _loaded(config: dict[str, Any]) -> list[LoadedMorph]:
+    """The morphs at the times of the slider, which follow the timing."""
+    return retimed(load_morphs(config, "nsm.view"), config["timing"])
 
 
 def _workplace(config: dict[str, Any]) -> Workplace:

@@ -139,6 +139,14 @@ def test_landmarks_that_nothing_carries(
     assert f"`landmarks` must come with a morph whose velocity carries them, {words}." in sentence
 
 
+@pytest.mark.parametrize(("override", "task"), [("method=ot", "ot"), ("task=sdf", "sdf")])
+def test_a_symmetry_of_nothing_that_is_trained(
+    override: str, task: str, capsys: pytest.CaptureFixture[str], folder: Path
+) -> None:
+    sentence = refused(capsys, folder, override, "symmetry=x")
+    assert f"`symmetry` must come with a morph that is trained, got task={task}." in sentence
+
+
 def test_landmarks_that_are_not_there(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     sentence = refused(capsys, folder, *BARE, "landmarks=table", "landmarks.path=none.csv")
     assert "`landmarks.path` must be a readable CSV file, got none.csv" in sentence

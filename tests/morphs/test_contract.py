@@ -31,6 +31,7 @@ from nsm.morphs.growth import Grown, ScaleLinear, SmoothStep, Table, VolumeLinea
 from nsm.morphs.leg import Leg
 from nsm.morphs.neural import NeuralMorph
 from nsm.morphs.optimal_transport import OptimalTransport
+from nsm.morphs.timing import Retimed, Smooth
 from nsm.shapes import Ball
 from nsm.types import Morph
 
@@ -105,6 +106,8 @@ CASES = {
     "leg": Case(lambda: Leg(through_keys(2), 1)),
     "exact ends": Case(lambda: ExactEnds(turning(2, 0.5).double(), 12, 64)),
     "grown exact ends": Case(lambda: Grown(ExactEnds(turning(2, 0.5).double(), 12, 64), VolumeLinear(2, 1.0, 1.5))),
+    "retimed": Case(lambda: Retimed(Grown(squashed_ball(3), VolumeLinear(3, 1.0, 1.5)), Smooth())),
+    "retimed without velocity": Case(lambda: Retimed(neural("none", 2), Smooth())),
     "file coordinates": Case(lambda: FileCoordinates(turning(2, 0.5, POSED).double(), "source")),
     # its gradient is itself a difference, over two cells of a grid
     "optimal transport": Case(lambda: optimal_transport(2), 2 / 32, 0.05),
@@ -249,7 +252,7 @@ def test_a_program_computes_what_the_morph_does(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if not case.networks])
 def test_what_is_not_made_of_networks_alone_has_no_program(name: str) -> None:
-    with pytest.raises(InputError, match="must be made of networks"):
+    with pytest.raises(InputError, match=r"must be (made of networks|linear for a format)"):
         made(name).networks()
 
 

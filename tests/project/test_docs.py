@@ -50,7 +50,7 @@ def commands() -> Iterator[Any]:
 
 def single(overrides: list[str]) -> list[str]:
     """The first run of a sweep."""
-    return [re.sub(r"^(\+?[^=]+)=(\[[^\]]*\]|[^,]*),.*$", r"\1=\2", override) for override in overrides]
+    return [re.sub(r"^(\+?[^=]+)=(\[[^\]]*\]|[^,\[]*),.*$", r"\1=\2", override) for override in overrides]
 
 
 @pytest.mark.parametrize(("name", "overrides"), list(commands()))

@@ -117,6 +117,18 @@ def test_landmarks_come_from_arrays_or_a_file(ball: trimesh.Trimesh, tmp_path: P
         nsm.morph(ball, ball, landmarks=(pairs[0], pairs[1][:2]))
 
 
+def test_a_choice_comes_with_its_settings(ball: trimesh.Trimesh) -> None:
+    plane = ("plane", {"normal": [1, 1, 0]})
+    made = nsm.morph(ball, ball, symmetry=plane, steps=1, ends="network", **TINY)
+    x = torch.rand(9, 3) - 0.5
+    mirrored = torch.stack([-x[:, 1], -x[:, 0], x[:, 2]], 1)
+    torch.testing.assert_close(made(mirrored, 0.5), made(x, 0.5), atol=1e-5, rtol=0)
+    with pytest.raises(
+        nsm.InputError, match=r"^`symmetry.nomral` must be a known setting of `symmetry` .*Try `normal`"
+    ):
+        nsm.morph(ball, ball, symmetry=("plane", {"nomral": [1, 1, 0]}))
+
+
 def test_meshes_volumes_and_frames_agree(loaded: nsm.TrainedMorph) -> None:
     meshes = list(loaded.frames(3, resolution=32))
     assert len(meshes) == 3

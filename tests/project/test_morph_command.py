@@ -42,7 +42,7 @@ def test_one_line_writes_an_animation_and_keeps_the_run(
 ) -> None:
     Path("pairs.csv").write_text("1,0,0,1,0,0\n")
     typed = (*meshes, "-o", "out/morph.glb", "--frames", "3", "--resolution", "16", "--keep", "run", "--align", "rigid")
-    typed += ("--landmarks", "pairs.csv")
+    typed += ("--landmarks", "pairs.csv", "--symmetry", "y", "--timing", "smooth")
     assert run(monkeypatch, *typed) == 0
     assert "wrote out/morph.glb" in capsys.readouterr().out
     assert trimesh.load("out/morph.glb").geometry
@@ -77,6 +77,8 @@ def test_a_morph_may_pass_through_shapes_between(meshes: tuple[str, str], monkey
             ["--align", "ridgid"],
             "`align` must be one of none, rigid, shared, similarity, got ridgid. Try `align=rigid`.",
         ),
+        (["--symmetry", "w"], "`symmetry` must be one of none, x, y, z, got w."),
+        (["--timing", "smoth"], "`timing` must be one of ease_in, ease_out, linear, smooth, got smoth."),
         (["--frames", "0"], "`frames` must be an integer of at least 2, got 0."),
         (["--times", "0,x"], "`--times` must be numbers with commas between, got 0,x. Try `--times 0,0.4,1`."),
         (["--fames", "3"], "Try `nsm morph a.obj b.obj -o film.mp4`."),

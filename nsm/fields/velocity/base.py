@@ -28,6 +28,11 @@ class Velocity(nn.Module, ABC):
         super().__init__()
         self.dim = dim
 
+    @property
+    def core(self) -> Velocity:
+        """The velocity that has a network: this one, or the one that a composition is made of."""
+        return self
+
     def attach(self, field: ScalarNetwork, keys: Sequence[Key[SignedDistance]]) -> None:
         """Pass f and the shapes to a velocity that is computed from them; learned velocities ignore both.
 

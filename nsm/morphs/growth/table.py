@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import torch
-from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from nsm.cli.settings import increasing, invalid, positive
+from nsm.geometry.monotone import MonotoneCubic
 from nsm.morphs.growth.base import UNSCALED, Growth, Time
 
 
 class Table(Growth):
-    """Volume that passes through given values: piecewise cubic, smooth, and monotone between neighbors (PCHIP).
+    """Volume that passes through given values, smooth and monotone between neighbors (`MonotoneCubic`).
 
     Args:
         dim: Dimension d of space.
@@ -25,10 +24,6 @@ class Table(Growth):
     Raises:
         InputError: If the times do not increase from 0 to 1, or there is not one positive volume for each, or one is
             missing where there is no shape.
-
-    References:
-        F. N. Fritsch and J. Butland, A method for constructing local monotone piecewise cubic interpolants,
-        SIAM Journal on Scientific and Statistical Computing 5, 1984, https://doi.org/10.1137/0905021.
 
     Example:
         >>> Table(3, [0, 0.3, 1], [1.0, 1.4, 0.8]).extremes
@@ -52,30 +47,17 @@ class Table(Growth):
             raise invalid("growth.volumes", f"{len(knots)} volumes, one for each time", given, f"[{example}]")
         filled = [own.get(knot) if value is None else value for knot, value in zip(knots, given, strict=True)]
         values = [positive("growth.volumes", value) for value in filled]
-        curve = PchipInterpolator(knots, values)
+        self._curve = MonotoneCubic(knots, values)
         self._extremes = min(values), max(values)
-        self._knots = torch.tensor(knots, dtype=torch.double)
-        self._cubics = torch.from_numpy(curve.c.copy())
-        self._slopes = torch.from_numpy(curve.derivative().c.copy())
 
     @property
     def extremes(self) -> tuple[float, float]:
         return self._extremes
 
     def relative_volume(self, t: Time) -> Time:
-        return self._evaluate(self._cubics, t)
+        return self._curve(t) if isinstance(t, Tensor) else float(self._curve(torch.tensor(t, dtype=torch.double)))
 
     def relative_rate(self, t: Time) -> Time:
-        return self._evaluate(self._slopes, t)
-
-    def _evaluate(self, coefficients: Float[Tensor, "order pieces"], t: Time) -> Time:
-        """Evaluate the polynomial of the piece that holds each time by Horner's scheme, highest power first."""
-        if not isinstance(t, Tensor):
-            return float(self._evaluate(coefficients, torch.tensor(t, dtype=torch.double)))
-        knots, coefficients = self._knots.to(t), coefficients.to(t)
-        piece = torch.searchsorted(knots[1:-1], t.detach(), right=True)
-        since = t - knots[piece]
-        value = torch.zeros_like(t)
-        for row in coefficients:
-            value = value * since + row[piece]
-        return value
+        if isinstance(t, Tensor):
+            return self._curve.derivative(t)
+        return float(self._curve.derivative(torch.tensor(t, dtype=torch.double)))
