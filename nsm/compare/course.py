@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from nsm.cli.files import whole_file
-from nsm.compare.logs import VALIDATED
+from nsm.compare.choices import VALIDATED
 from nsm.compare.results import Result
 from nsm.compare.tabulate import by_column
 from nsm.metrics.unit import LENGTH, RELATIVE, Unit

@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+from nsm.compare.choices import VALIDATED
+
 #: Rows at the end of a log that are averaged, since a single batch is noisy.
 _LAST_ROWS = 5
-#: Figures of a validation that are read.
-VALIDATED = ("val/error", "val/distance", "val/volume_max")
 
 
 def last_terms(folder: Path) -> dict[str, float]:

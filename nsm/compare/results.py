@@ -95,7 +95,7 @@ def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
         retry = "; try it again with `retry=true`" if state == FAILED else ""
         unfinished = f"the run is {state}; repeat the command to resume it"
         return replace(bare, reason=record.reason + retry if record and record.reason else unfinished)
-    file = job.folder / "checkpoints" / "best.ckpt"
+    file = job.checkpoint
     timed = _timed(bare, job.folder)
     bare = replace(timed, steps=record.steps, checkpoint=str(file))
     bare = replace(bare, terms=last_terms(job.folder), course=read_course(job.folder))

@@ -79,6 +79,17 @@ def test_each_trained_method_tries_every_learning_rate_and_runs_with_its_own() -
     assert tries[2] in runs, "the run of the first seed is the one that was tried"
     assert tries[2].name == f"{pair}/free/lr_0.002/seed_4"
     assert [job.rate for job in runs if job.pair == pair] == [2e-3, None, 2e-3, None]
+    assert tries[2].checkpoint == tries[2].folder / "checkpoints" / "best.ckpt"
+
+
+def test_a_method_at_its_own_volumes_is_measured_at_its_last_step() -> None:
+    methods = {job.method: job for job in jobs(read_study(configuration("+study=figure13")))}
+    assert {name: job.checkpoint.name for name, job in methods.items()} == {
+        "adadiv": "best.ckpt",
+        "nise": "last.ckpt",
+        "free": "last.ckpt",
+    }
+    assert (methods["adadiv"].growth, methods["free"].growth) == ("volume_linear", "none")
 
 
 def test_every_seed_has_a_folder_of_its_own_and_overrides_add_up() -> None:
@@ -113,7 +124,10 @@ _PAIR = ["pairs=[cylinders_torus]"]
         (["pairs=[]"], r"got \[\]. Try `\+study=ablation` or `\+study=early_stopping` or"),
         (["methods=[{name: a/b, method: free}]"], "letters, digits, and _ only .* got a/b"),
         (["methods=[{name: official, method: free}]"], "differ from official, got official"),
-        (["methods=[{method: free, weight: 3}]"], "the keys name, method, overrides, and growth only, got weight"),
+        (
+            ["methods=[{method: free, weight: 3}]"],
+            "the keys name, method, overrides, growth, and judged_by only",
+        ),
         (["steps=10"], "must be null where `steps` is given, got minutes=8 and steps=10. Try `minutes=null steps=10`"),
         (["minutes=0"], "`minutes` must be positive and finite, got 0. Try `minutes=8`"),
         (["minutes=null", "steps=1.5"], "`steps` must be a positive integer, got 1.5"),

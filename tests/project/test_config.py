@@ -114,6 +114,8 @@ def test_landmarks_add_a_term_to_a_loss_that_has_none(name: str) -> None:
     assert terms.landmarks == (
         without.landmarks if name == "insd" else composed("landmarks=vertices", *MESHES).loss.terms.landmarks
     )
+    given = ("landmarks=points", "landmarks.source=[[0,0]]", "landmarks.target=[[0,1]]")
+    assert composed(f"loss={name}", *given).loss.terms == terms
     assert all(terms[other] == without[other] for other in without)
 
 
