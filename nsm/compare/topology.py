@@ -80,7 +80,8 @@ def plot_changes(
             time = _time(event)
             times = sorted({min(max(time + offset, 0.0), 1.0) for offset in _AROUND})
             offset = event["place"][AXES.index(slices.axis)] if len(event["place"]) == len(AXES) else 0.0
-            plot_residual_slices(picture, morphs(result), times, SlicePlane(slices.axis, round(offset, 3) + 0.0), dpi=120)
+            plane = SlicePlane(slices.axis, round(offset, 3) + 0.0)  # no −0 in the titles
+            plot_residual_slices(picture, morphs(result), times, plane, dpi=120)
             pictures.append(picture)
     return pictures
 
