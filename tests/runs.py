@@ -48,7 +48,7 @@ DISK = (
 #: The same without pictures and meshes.
 BARE = (*(o for o in DISK if not o.startswith("callbacks.")), "callbacks=none")
 #: One still shape.
-STILL = (*(o for o in BARE if not o.startswith("task.")), "task=sdf")
+STILL = (*(o for o in BARE if not o.startswith(("task.", "init=", "optimizer.", "steps="))), "task=sdf")
 
 
 @cache

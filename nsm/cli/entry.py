@@ -21,6 +21,7 @@ from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.cli.explain import explain, require_settings
 from nsm.cli.help import command_help
+from nsm.cli.validation import validate
 
 #: Exit status of a command that cannot do what was asked.
 REFUSED = 2
@@ -50,6 +51,7 @@ def run(main: Callable[[DictConfig], None], command: str) -> None:
     @wraps(main)
     def guarded(cfg: DictConfig) -> None:
         try:
+            validate(cfg, command)
             main(cfg)
         except Exception as error:
             refused.append(report(error))

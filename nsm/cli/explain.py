@@ -8,7 +8,7 @@ from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
-from hydra.errors import HydraException, OverrideParseException
+from hydra.errors import HydraException, InstantiationException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -23,12 +23,14 @@ _FLAGS = {
     "--help", "--hydra-help", "--version", "--cfg", "--resolve", "--package", "--run", "--multirun", "--info",
     "--shell-completion", "--config-path", "--config-name", "--config-dir", "--experimental-rerun",
 }  # fmt: skip
+#: Settings that may be left out with a ``~``.
+_LEFT_OUT = re.compile(r"(.+\.)?terms\.\w+|(callbacks|logger|trainer)\.\w+|(source|target)\.pose(\.\w+)?|defaults.*")
 #: Overrides that change the set of settings, which unknown names are then compared with.
 _CHOICE = re.compile(r"^\+?[\w/]+(@\w+)?=\w+$")
 
 
 def require_settings(arguments: Sequence[str], command: str) -> None:
-    """Refuse what Hydra misunderstands: options with dashes, and a name or a file in place of a whole shape.
+    """Refuse what Hydra misunderstands: options with dashes, a name or a file in place of a shape, and lost settings.
 
     Args:
         arguments: Command line without the program.
@@ -49,6 +51,16 @@ def require_settings(arguments: Sequence[str], command: str) -> None:
         if name in packages and value and not value.startswith("{"):
             suggestion = _choose(packages[name], value)
             raise InputError(f"`{name}` must be chosen from its group, got {value}. Try `{suggestion}`.")
+        if value == "{}":
+            raise InputError(
+                f"`{name}` must hold at least one setting, got {{}}, which changes nothing. Try one of its settings, "
+                f"or `~{name}.NAME` to leave one out."
+            )
+        if name.startswith("~") and not _LEFT_OUT.match(name[1:]) and name[1:] in _settings(command, []):
+            raise InputError(
+                f"`{name}` must name a loss term, a callback, or a logger, got a setting that `nsm {command}` needs. "
+                f"Try `{name[1:]}={_settings(command, [])[name[1:]]}`."
+            )
 
 
 def explain(error: Exception, arguments: Sequence[str], command: str) -> str:
@@ -82,9 +94,22 @@ def explain(error: Exception, arguments: Sequence[str], command: str) -> str:
         )
     if match := re.search(r"Missing mandatory value: \w+\s+full_key: (\S+)", message):
         return f"`{match[1]}` must be given, got nothing. Try `{match[1]}={_example(match[1])}`."
+    if match := re.search(r"node `([^`]+)` is not a container", message):
+        value = _value(match[1], overrides)
+        return f"`{match[1]}` must be a group of settings, got {value}. Try one of its settings (`{_help(command)}`)."
+    if isinstance(error, InstantiationException):
+        return _uninstantiated(error, command)
     if match := re.search(r"nterpolation key '([^']+)' not found\s+full_key: (\S+)", message):
         return f"`{match[2]}` must refer to an existing setting, got ${{{match[1]}}}. Try `{_help(command)}`."
     return f"The configuration must compose, got: {' '.join(message.split())}. Try `{_help(command)}`."
+
+
+def _uninstantiated(error: InstantiationException, command: str) -> str:
+    """The sentence for a ``_target_`` that refuses its arguments."""
+    message = " ".join(str(error.__cause__ or error).split())
+    match = re.search(r"full_key: (\S+)", str(error))
+    name = match[1] if match else "_target_"
+    return f"`{name}` must have settings that fit together, got: {message.rstrip('.')}. Try `{_help(command)}`."
 
 
 def _unparsed(argument: str, overrides: Sequence[str], command: str) -> str:

@@ -6,12 +6,16 @@ Every message has the same form: "`steps` must be a positive integer, got 0. Try
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 from nsm.cli.errors import InputError
+
+#: Largest number of any setting; its square still fits into single precision.
+_LARGEST = 1e18
+#: Largest number of times that `moments` spreads from 0 to 1.
+_MOST_TIMES = 100_000
 
 
 def invalid(name: str, requirement: str, value: Any, example: Any) -> InputError:
@@ -29,21 +33,25 @@ def invalid(name: str, requirement: str, value: Any, example: Any) -> InputError
     return InputError(f"`{name}` must be {requirement}, got {_shown(value)}. Try `{name}={example}`.")
 
 
-def whole_number(name: str, value: Any, least: int = 1, example: int | None = None) -> int:
-    """Return an integer of at least ``least``.
+def whole_number(name: str, value: Any, least: int = 1, example: int | None = None, most: int | None = None) -> int:
+    """Return an integer of at least ``least`` and at most ``most``.
 
     Args:
         name: Dotted name of the setting.
         value: Value of the setting.
         least: Smallest valid value.
         example: Value to suggest, ``least`` by default.
+        most: Largest valid value; None sets no limit.
 
     Raises:
         InputError: If the value is not such an integer.
     """
+    suggested = least if example is None else example
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         requirement = "a positive integer" if least == 1 else f"an integer of at least {least}"
-        raise invalid(name, requirement, value, least if example is None else example)
+        raise invalid(name, requirement, value, suggested)
+    if most is not None and value > most:
+        raise invalid(name, f"an integer of at most {most}", value, min(suggested, most))
     return value
 
 
@@ -69,6 +77,28 @@ def positive(name: str, value: Any, example: float = 1.0) -> float:
     return float(value)
 
 
+def at_least(name: str, value: Any, least: float, example: float) -> float:
+    """Return a finite number that is not less than ``least``.
+
+    Raises:
+        InputError: If the value is not one.
+    """
+    if not _is_number(value) or value < least:
+        raise invalid(name, f"a finite number of at least {least:g}", value, f"{example:g}")
+    return float(value)
+
+
+def up_to(name: str, value: Any, most: float, example: float) -> float:
+    """Return a number greater than 0 and at most ``most``.
+
+    Raises:
+        InputError: If the value is not one.
+    """
+    if not _is_number(value) or not 0 < value <= most:
+        raise invalid(name, f"a number above 0 and at most {most:g}", value, f"{example:g}")
+    return float(value)
+
+
 def between(name: str, value: Any, low: float, high: float, example: float) -> float:
     """Return a number strictly between ``low`` and ``high``.
 
@@ -91,14 +121,33 @@ def fraction(name: str, value: Any, example: float = 0.5) -> float:
     return float(value)
 
 
-def numbers(name: str, value: Any) -> list[Any]:
+def numbers(name: str, value: Any, lengths: Sequence[int] | None = None, example: str = "[1,2]") -> list[Any]:
     """Return a list of finite numbers.
+
+    Args:
+        name: Dotted name of the setting.
+        value: Value of the setting.
+        lengths: Valid lengths of the list; None accepts any.
+        example: Value to suggest.
+
+    Raises:
+        InputError: If the value is not such a list.
+    """
+    if not isinstance(value, list) or not all(_is_number(entry) for entry in value):
+        raise invalid(name, "a list of numbers", value, example)
+    if lengths is not None and len(value) not in lengths:
+        raise invalid(name, f"a list of {' or '.join(map(str, lengths))} numbers", value, example)
+    return value
+
+
+def text(name: str, value: Any) -> str:
+    """Return a text that is not empty.
 
     Raises:
         InputError: If the value is not one.
     """
-    if not isinstance(value, list) or not all(_is_number(entry) for entry in value):
-        raise invalid(name, "a list of numbers", value, "[1,2]")
+    if not isinstance(value, str) or not value:
+        raise invalid(name, "a text that is not empty", value, f"'{_shown(value)}'" if value else "NAME")
     return value
 
 
@@ -167,7 +216,7 @@ def moments(name: str, value: Any) -> list[float]:
     Raises:
         InputError: If the value is neither.
     """
-    if isinstance(value, int) and not isinstance(value, bool) and value >= 1:
+    if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= _MOST_TIMES:
         import torch  # not above: help and completion of the shell must not wait for it
 
         return torch.linspace(0, 1, value, dtype=torch.double).tolist()
@@ -192,7 +241,7 @@ def use_threads(config: Mapping[str, Any]) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
 
 
 def _shown(value: Any) -> str:

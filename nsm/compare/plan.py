@@ -13,6 +13,7 @@ from nsm.compare.printed import Printed, read_printed
 from nsm.io.loading import known_ends
 from nsm.io.official import PAIRS
 from nsm.metrics import Protocol
+from nsm.train.consistency import effective, overridden
 
 #: Learning rates by the names of a pair and a method.
 Rates = Mapping[tuple[str, str], float]
@@ -56,7 +57,7 @@ class Study(NamedTuple):
         methods: Methods, each of which is run on every pair.
         seeds: Seeds, from each of which every method is run on every pair.
         learning_rates: Learning rates, of which each method gets its own best on each pair; empty for the recipe's.
-        overrides: Overrides of every run.
+        overrides: Overrides of every run; those that the task of a method does not use are left out of its runs.
         budget: Budget of every run.
         threads: Threads of one run and of the evaluation; None takes all cores.
         official: Whether the authors' morphs are a row too, where they published one.
@@ -195,7 +196,7 @@ def _job(study: Study, pair: Choice, method: Choice, seed: int, rate: float | No
     overrides = (
         f"+experiment={pair.file}",
         f"method={method.file}",
-        *study.overrides,
+        *effective(study.overrides, dict(overridden("method", method.file)).get("task", "morph")),
         *pair.overrides,
         *method.overrides,
         *(() if rate is None else (f"optimizer.lr={rate:g}",)),

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 
 import torch
 
+from nsm.cli.errors import InputError
 from nsm.fields.scalar import ScalarNetwork
 from nsm.fields.siren import ScalarSiren
 
@@ -27,6 +28,15 @@ class FieldInit(ABC):
             field: The network f(x, t).
             source: A network g(x) of the same width and depth fitted to the source; ignored if not needed.
         """
+
+    def require(self, field: ScalarNetwork) -> None:
+        """Require a network that the rule can initialize.
+
+        Raises:
+            InputError: If f has no sine activations, which all rules but `OwnInit` need.
+        """
+        if not isinstance(field, ScalarSiren):
+            raise InputError(f"`init` must be own for a {type(field).__name__}, got another rule. Try `init=own`.")
 
 
 class SirenInit(FieldInit):
@@ -73,6 +83,9 @@ class OwnInit(FieldInit):
     """The weights that the network drew when it was constructed."""
 
     needs_source = False
+
+    def require(self, field: ScalarNetwork) -> None:
+        """Accept any network."""
 
     def __call__(self, field: ScalarNetwork, source: ScalarSiren | None) -> None:
         pass

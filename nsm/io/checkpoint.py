@@ -15,8 +15,9 @@ code, and `nsm.io.build` accepts classes of this package only.
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,15 @@ import nsm
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
 from nsm.io.build import build
-from nsm.shapes import Similarity, SirenShape
+from nsm.shapes import FieldShape, Similarity, SirenShape
 from nsm.shapes.similarity import Pose
+from nsm.shapes.simplices import SimplexShape
+from nsm.shapes.torch_files import is_state_dict, load_torch
 from nsm.types import Morph
 
 FORMAT = 2
+#: Sizes up to which a model may be built that has fewer weights, such as one between two formulas.
+_FEWEST = 4096
 #: Key of the entry in the dictionary of a checkpoint.
 ENTRY = "nsm"
 #: Prefix of a morph's weights, after the attribute of the training task that holds it. Those of a shape have none.
@@ -158,13 +163,7 @@ def read_checkpoint(file: Path) -> dict[str, Any]:
     Raises:
         InputError: If the file is incomplete, not a checkpoint of nsm, or of another format.
     """
-    try:
-        content = torch.load(file, map_location="cpu", weights_only=True)
-    except Exception as error:  # torch and pickle raise many types of exceptions for broken files
-        raise InputError(
-            f"`{file}` must be a complete checkpoint of weights and plain values, got a file that cannot be read "
-            f"({_first_line(error)}). Try a .ckpt file that nsm wrote."
-        ) from error
+    content = load_torch(file, "a complete checkpoint of weights and plain values", "a .ckpt file that nsm wrote")
     entry = content.get(ENTRY) if isinstance(content, dict) else None
     if not isinstance(entry, dict) or "state_dict" not in content:
         raise InputError(
@@ -176,7 +175,28 @@ def read_checkpoint(file: Path) -> dict[str, Any]:
             f"`{file}` must have checkpoint format {FORMAT} for nsm {nsm.__version__}, got format "
             f"{entry.get('format')}. Try nsm {entry.get('version')}, which wrote it, or train again."
         )
+    weights = content["state_dict"]
+    if not is_state_dict(weights):
+        raise InputError(f"`{file}` must hold weights by name, got something else. Try a .ckpt file that a run wrote.")
+    if broken := [name for name, value in weights.items() if not bool(value.isfinite().all())]:
+        raise InputError(
+            f"`{file}` must hold finite weights, got {broken[0]} with numbers that are not. Try an earlier "
+            "checkpoint of the run."
+        )
+    _require_provenance(file, entry.get("provenance", {}))
     return content
+
+
+def _require_provenance(file: Path, provenance: Any) -> None:
+    """Require what is read of the provenance of the end shapes: groups of values, and positive scales."""
+    ends = [provenance.get(end, {}) for end in ("source", "target")] if isinstance(provenance, dict) else [None]
+    for end in ends:
+        scale = end.get("scale", 1.0) if isinstance(end, dict) else 0.0
+        if not isinstance(scale, int | float) or not 0 < scale < math.inf:
+            raise InputError(
+                f"`{file}` must say where its shapes come from, got {str(provenance)[:80]}. Try a .ckpt file "
+                "that a run wrote."
+            )
 
 
 def _restore(file: Path, content: Mapping[str, Any], kind: type[Any], prefix: str, task: str) -> Any:
@@ -189,22 +209,66 @@ def _restore(file: Path, content: Mapping[str, Any], kind: type[Any], prefix: st
         prefix: Beginning of the names of its weights.
         task: Task whose runs write such checkpoints.
     """
+    weights = content["state_dict"]
     try:
-        model: Any = build(content[ENTRY]["model"])
+        described = content[ENTRY].get("model")
+        _require_size(described, weights)
+        model: Any = build(described)
         if not isinstance(model, kind):
             raise InputError(
                 f"it must be the checkpoint of a run with `task={task}`, got a {type(model).__name__}. Try another run."
             )
-        weights = content["state_dict"]
         model.load_state_dict({k.removeprefix(prefix): v for k, v in weights.items() if k.startswith(prefix)})
+        _require_working(model)
     except InputError as error:
         raise InputError(f"`{file}` cannot be loaded: {error}") from error
-    except (KeyError, TypeError, AttributeError, ValueError, RuntimeError) as error:
+    except Exception as error:  # classes that get arguments from a stranger raise many types of exceptions
         raise InputError(
             f"`{file}` must hold weights that fit its model, got others ({_first_line(error)}). Try another checkpoint "
             "of the run."
         ) from error
     return model
+
+
+def _require_size(node: Any, weights: Mapping[str, Tensor]) -> None:
+    """Require that no size in the description of a model exceeds the number of weights, before it is built."""
+    values = sum(value.numel() for value in weights.values())
+    for part in _groups(node):
+        sizes = {key: value for key, value in part.items() if type(value) is int}
+        width, depth = sizes.get("hidden_features", 1), sizes.get("hidden_layers", 1)
+        layers = width * max(width * (depth - 1), sizes.get("in_features", 1))
+        largest = max([layers, *(value for key, value in sizes.items() if key != "dim")], default=0)
+        if largest > max(values, _FEWEST) or depth > len(weights) or sizes.get("dim", 2) not in (2, 3):
+            raise InputError(
+                f"its model must have sizes that fit its {values} weights, got {sizes}. Try another checkpoint."
+            )
+
+
+def _groups(node: Any) -> Iterator[Mapping[str, Any]]:
+    """All groups of arguments in nested ``_target_`` configs, but for the origin of shapes, which is only told."""
+    if isinstance(node, Mapping):
+        yield node
+        for key, value in node.items():
+            yield from () if key == "origin" else _groups(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from _groups(value)
+
+
+@torch.no_grad()
+def _require_working(model: Any) -> None:
+    """Require that a model and its end shapes can be evaluated, which parts of the wrong kind cannot."""
+    shapes = [key.shape for key in model.keys] if isinstance(model, Morph) else [model]
+    if any(not isinstance(shape, FieldShape) or shape.dim != model.dim for shape in shapes):
+        raise ValueError("its ends are no shapes of its dimension")
+    x = model.bounds if isinstance(model, Morph) else torch.zeros(2, model.dim)
+    # those with simplices need a search tree, and have required sound simplices
+    found = [shape(x) for shape in shapes if not isinstance(shape, SimplexShape)]
+    if isinstance(model, Morph):
+        found += [model(x, 0.5), model.gradient(x, 0.5)]
+        found += [model.velocity(x, 0.5)] if model.has_velocity else []
+    if not all(bool(value.isfinite().all()) for value in found):
+        raise ValueError("its fields are not finite at corners of the box")
 
 
 def _first_line(error: BaseException) -> str:

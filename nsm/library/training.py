@@ -24,12 +24,15 @@ from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
 from nsm.cli.settings import invalid, nearest
+from nsm.cli.validation import validate
 from nsm.io.loading import known_ends
 from nsm.io.mesh import write_mesh
 from nsm.library.trained import TrainedMorph, load_morph
 from nsm.train import __main__ as training
 from nsm.types import SimplexMesh
 
+#: Options of ``conf/train.yaml``, which need not be chosen again.
+_DEFAULTS = {"budget": "full", "method": "adadiv"}
 #: A shape as `morph` takes it: a mesh, its vertices (v, 3) and faces (m, 3), points (n, 3), points with normals (n, 6),
 #: a file of any kind (`nsm.io.shape_file.read_shape`), or a name of ``conf/shape``.
 ShapeLike = trimesh.Trimesh | trimesh.PointCloud | np.ndarray | str | os.PathLike[str] | tuple[Any, Any]
@@ -102,7 +105,10 @@ def morph(
         shapes = [override for place, shape in places.items() for override in _shape(place, shape, folder)]
         shapes += [] if landmarks is None else _landmarks(landmarks, folder)
         settings = {"source": source_settings, "target": target_settings, **dict.fromkeys(names, between_settings)}
-        choices = {"callbacks": "none", "budget": budget, "method": method, **options, "seed": seed}
+        # the default method and budget leave its parts to the options; a method that is named keeps them
+        named = {"budget": budget, "method": method}
+        named = {group: option for group, option in named.items() if option != _DEFAULTS[group]}
+        choices = {"callbacks": "none", **named, **options, "seed": seed}
         choices |= {place: given for place, given in settings.items() if given}
         choices |= {name: value for name, value in (("steps", steps), ("times", times)) if value is not None}
         _train(folder, shapes, choices)
@@ -172,6 +178,7 @@ def _train(folder: Path, shapes: list[str], options: Mapping[str, Any]) -> None:
     settings = _settings(_composed(choices, folder), options)
     with _as_current_run(_composed([*choices, *settings], folder)) as cfg:
         try:
+            validate(cfg, "train")
             training.main(cfg)
         except SystemExit as stop:
             if stop.code == 128 + signal.SIGINT:

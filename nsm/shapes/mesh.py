@@ -134,6 +134,7 @@ class MeshShape(SimplexShape):
 
     def _load_from_state_dict(self, *args: Any) -> None:
         super()._load_from_state_dict(*args)
+        self.require_simplices()
         self._triangles = None
 
 

@@ -28,6 +28,8 @@ _MERGE_DISTANCE = 1e-7
 #: Fractions of unused vertices above which an obj file counts as truncated: if its last line is incomplete, and in any
 #: case. Scans may contain unused vertices (3 % in stanford-bunny.obj).
 _MAX_UNUSED_VERTICES = (0.0, 0.2)
+#: Largest coordinate, whose cube is far from the largest number in double precision.
+_MAX_COORDINATE = 1e30
 #: Minimum volume, relative to the cube of the longest side of the bounding box.
 _MIN_FILL = 1e-6
 #: Minimum of the mean winding number just below the surface: it is 1 for a closed mesh, 1/2 for a flat sheet, and
@@ -64,18 +66,46 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
             mesh = read_surface(file)
         else:
             mesh = trimesh.load(file, force="mesh", process=False)
+        if file.suffix.lower() == ".obj":
+            _require_all_faces(file)
     except InputError:
         raise
     except Exception as error:  # readers raise various exceptions for damaged files
         raise unreadable(file, "a mesh", error) from error
-    if file.suffix.lower() == ".obj":
-        _require_all_faces(file)
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or len(mesh.vertices) == 0:
         raise InputError(
             f"`{file}` must contain triangles, got none. Try a mesh with faces, or "
             "`shape@source=points` for a point cloud."
         )
+    _require_triangles(np.asarray(mesh.vertices), np.asarray(mesh.faces), str(file))
     return mesh
+
+
+def _require_triangles(vertices: np.ndarray, faces: np.ndarray, name: str) -> None:
+    """Require vertices with three coordinates, and triangles of vertices that exist."""
+    shapes = (vertices.shape, faces.shape)
+    if any(len(shape) != 2 or shape[1] != 3 for shape in shapes):
+        raise InputError(
+            f"`{name}` must hold vertices with three coordinates and triangles, got arrays of shape {shapes[0]} and "
+            f"{shapes[1]}. Try to export the mesh again."
+        )
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(
+            f"`{name}` must contain all vertices that its faces use, got {len(vertices)} vertices. Try to export the "
+            "mesh again; the file may be truncated."
+        )
+
+
+def require_finite(vertices: np.ndarray, name: str) -> None:
+    """Require coordinates that are finite, and small enough for volumes to be.
+
+    Raises:
+        InputError: If some are not.
+    """
+    if bad := int((~(np.abs(vertices) < _MAX_COORDINATE)).any(1).sum()):
+        raise InputError(
+            f"`{name}` must have finite vertices, got {bad} that are not finite. Try to export the mesh again."
+        )
 
 
 def _require_all_faces(file: Path) -> None:
@@ -107,19 +137,11 @@ def merge_vertices(mesh: trimesh.Trimesh, name: str) -> tuple[np.ndarray, np.nda
         Vertices, shape (v, 3), and triangles, shape (m, 3).
 
     Raises:
-        InputError: If a coordinate is not finite, an index has no vertex, or all triangles are degenerate.
+        InputError: If a coordinate is not finite, or all triangles are degenerate.
     """
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(
-            f"`{name}` must contain all vertices that its faces use, got {len(vertices)} vertices. Try to export the "
-            "mesh again; the file may be truncated."
-        )
     vertices, faces = _compact(vertices, faces)
-    if bad := int((~np.isfinite(vertices)).any(1).sum()):
-        raise InputError(
-            f"`{name}` must have finite vertices, got {bad} that are not finite. Try to export the mesh again."
-        )
+    require_finite(vertices, name)
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     if diagonal == 0:
         raise InputError(f"`{name}` must enclose a volume, got vertices that all coincide. Try a closed mesh.")

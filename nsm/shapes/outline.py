@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from nsm.cli.errors import InputError
 from nsm.geometry.triangles import Triangles
 from nsm.shapes.sampling import unit_normals
 from nsm.shapes.similarity import Pose, Similarity
@@ -39,6 +40,9 @@ class OutlineShape(SimplexShape):
         placement: Map from coordinates relative to the center of the shape to the box.
         origin: Origin of the shape, for the provenance.
 
+    Raises:
+        InputError: If ``loops`` are not positive numbers with the sum ``corners``.
+
     References:
         Bærentzen and Aanæs, Signed Distance Computation Using the Angle Weighted Pseudonormal, IEEE Transactions on
         Visualization and Computer Graphics 2005. https://doi.org/10.1109/TVCG.2005.49
@@ -56,6 +60,10 @@ class OutlineShape(SimplexShape):
     ) -> None:
         super().__init__(2, Similarity.read(pose, 2), Similarity.read(placement, 2))
         self.loops, self.origin = [int(count) for count in loops], dict(origin or {"kind": "outline"})
+        if sum(self.loops) != corners or min(self.loops, default=0) < 1:
+            raise InputError(
+                f"`loops` must be numbers of corners with the sum {corners}, got {self.loops}. Try [{corners}]."
+            )
         self.register_buffer("vertices", torch.zeros(corners, 2, dtype=torch.float64))
         first = np.repeat(np.cumsum([0, *self.loops[:-1]]), self.loops)
         own = np.arange(corners) - first
@@ -123,4 +131,5 @@ class OutlineShape(SimplexShape):
 
     def _load_from_state_dict(self, *args: Any) -> None:
         super()._load_from_state_dict(*args)
+        self.require_simplices()
         self._search = None

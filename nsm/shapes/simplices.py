@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from nsm.cli.errors import InputError
 from nsm.shapes.base import FieldShape
 from nsm.shapes.sampling import sample_mesh_surface, unit_normals
 from nsm.types import SimplexMesh, SurfaceSamples
@@ -31,6 +32,20 @@ class SimplexShape(FieldShape):
     @abstractmethod
     def local_surface(self) -> SimplexMesh:
         """Return the simplices themselves, in local coordinates."""
+
+    def require_simplices(self) -> None:
+        """Require finite vertices and simplices that index them, as search trees end the process with other ones.
+
+        Raises:
+            InputError: If there are none, or some are not so.
+        """
+        vertices, simplices = self.local_surface()
+        indices = simplices.aminmax() if len(simplices) else None
+        if indices is None or indices.min < 0 or indices.max >= len(vertices) or not vertices.isfinite().all():
+            raise InputError(
+                f"`simplices` must join finite vertices that exist, got {len(simplices)} of {len(vertices)} vertices "
+                "with others. Try to read the file of the shape again."
+            )
 
     def surface(self) -> SimplexMesh:
         """Return the simplices in the coordinates of the box, in the default precision."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from nsm.shapes.base import working_box
 from nsm.shapes.download import file_sha256, resolve
 from nsm.shapes.similarity import Pose, Similarity
 from nsm.shapes.siren import SirenShape
+from nsm.shapes.torch_files import is_state_dict, load_torch
 
 #: ω of all layers of the published networks, https://github.com/camillebnm/neural_shape_morphing
 OFFICIAL_OMEGA = 60.0
@@ -79,16 +79,11 @@ def read_layers(file: Path, inputs: Collection[int] = (2, 3), outputs: int = 1) 
     Raises:
         InputError: If the file is not a state dict of a sine network of constant width with these inputs and outputs.
     """
-    try:
-        state = torch.load(file, map_location="cpu", weights_only=True)
-    except (RuntimeError, pickle.UnpicklingError, EOFError, OSError, KeyError, ValueError) as error:
+    state = load_torch(file, "a state dict written by torch.save", "`path=official/ni/kitten.pth`")
+    if not state or not is_state_dict(state):
         raise InputError(
-            f"`{file}` must be a state dict written by torch.save, got {type(error).__name__}. Try "
-            "`path=official/ni/kitten.pth`; the file may be truncated."
-        ) from error
-    if not isinstance(state, dict) or not state or not all(isinstance(v, Tensor) for v in state.values()):
-        raise InputError(
-            f"`{file}` must be a state dict of tensors, got {type(state).__name__}. Try `path=official/ni/kitten.pth`."
+            f"`{file}` must be a state dict of tensors by name, got {type(state).__name__}. Try "
+            "`path=official/ni/kitten.pth`."
         )
     depth = len(state) // 2
     names = [f"net.{i}.0.{kind}" for i in range(depth) for kind in ("weight", "bias")]

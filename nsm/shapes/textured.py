@@ -14,8 +14,10 @@ from jaxtyping import Float
 from PIL import Image
 from torch import Tensor
 
+from nsm.cli.errors import InputError
 from nsm.shapes.download import resolve
-from nsm.shapes.mesh_reading import read_mesh
+from nsm.shapes.mesh_reading import read_mesh, require_finite
+from nsm.shapes.reading import unreadable
 from nsm.types import SimplexMesh
 
 #: Properties of vertices in a ply file that have their own fields.
@@ -56,11 +58,23 @@ def load_textured(path: Path | str) -> TexturedMesh:
     Raises:
         InputError: If there is no such file, or it is not a mesh.
     """
-    read = read_mesh(resolve(str(path)))
+    file = resolve(str(path))
+    read = read_mesh(file)
+    require_finite(np.asarray(read.vertices), str(path))
     mesh = SimplexMesh(
         torch.tensor(np.asarray(read.vertices), dtype=torch.double), torch.tensor(np.asarray(read.faces))
     )
-    return TexturedMesh(mesh, _appearance(read)._replace(others=_others(read)))
+    try:
+        attributes = _appearance(read)._replace(others=_others(read))
+    except Exception as error:  # damaged colors and textures raise various exceptions
+        raise unreadable(file, "a mesh with colors or a texture", error) from error
+    for values in (attributes.colors, attributes.uv):
+        if values is not None and (len(values) != len(mesh.vertices) or not bool(values.isfinite().all())):
+            raise InputError(
+                f"`{path}` must have one color or place in the texture for each of its {len(mesh.vertices)} vertices, "
+                f"got {len(values)}, or some that are not finite. Try to export the mesh again."
+            )
+    return TexturedMesh(mesh, attributes)
 
 
 def _others(read: trimesh.Trimesh) -> dict[str, Tensor]:

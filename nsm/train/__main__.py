@@ -19,7 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 from nsm.cli import entry
 from nsm.cli.errors import InputError
 from nsm.cli.runtime import keep_freed_memory
-from nsm.cli.settings import choice, use_threads, whole_number
+from nsm.cli.settings import use_threads
 from nsm.fields import Mirror
 from nsm.io.build import build
 from nsm.io.checkpoint import describe
@@ -28,6 +28,7 @@ from nsm.shapes import Shape
 from nsm.shapes.asymmetry import asymmetry
 from nsm.shapes.landmarks import warn_of_distant
 from nsm.train.callbacks import Checkpoints, ExitOnSignal, MorphWriter, Progress, StopOnSignal
+from nsm.train.consistency import require_consistent, require_losses, require_wandb_key
 from nsm.train.optimal_transport import transport_run
 from nsm.train.recovery import fit_with_recovery, require_same_run
 from nsm.train.summary import Summary
@@ -52,13 +53,18 @@ def main(cfg: DictConfig) -> None:
         "sdf": partial(_train, _prepare_sdf),
         "ot": _transport,
     }
-    _require_valid(cfg, tuple(kinds))
+    hydra = HydraConfig.get()
+    require_consistent(cfg, hydra.runtime.choices, hydra.overrides.task)
+    require_wandb_key(cfg.logger)
     if cfg.resume:
         require_same_run(_last(folder), config)
-    if not _names_shapes(HydraConfig.get().overrides.task):
+    if not _names_shapes(hydra.overrides.task):
+        ends = [hydra.runtime.choices[f"shape@{end}"] for end in ("source", "target")]
         log.info(
-            "No shapes were given, so this run trains the demo, %s into %s. See `nsm train --help` to choose shapes.",
-            *(HydraConfig.get().runtime.choices[f"shape@{end}"] for end in ("source", "target")),
+            "No shapes were given, so this run %s. See `nsm train --help` to choose shapes.",
+            f"fits a network to the source of the demo, {ends[0]}"
+            if cfg.task.kind == "sdf"
+            else f"trains the demo, {ends[0]} into {ends[1]}",
         )
     keep_freed_memory()
     use_threads(config)
@@ -89,7 +95,7 @@ def _train(
         callbacks = [*instantiate(cfg.callbacks).values(), stop]
         loggers[:] = instantiate(cfg.logger).values()
         every = max(1, steps // cfg.validations)
-        return instantiate(cfg.trainer)(max_steps=steps, val_check_interval=every, callbacks=callbacks, logger=loggers)
+        return _trainer(cfg, max_steps=steps, val_check_interval=every, callbacks=callbacks, logger=loggers)
 
     try:
         done = fit_with_recovery(trainer, task, data, _last(folder), resume=bool(cfg.resume))
@@ -108,6 +114,23 @@ def _train(
     return Summary(done.global_step, time.monotonic() - prepared, figures, prepared - begin, best)
 
 
+def _trainer(cfg: DictConfig, **arguments: Any) -> L.Trainer:
+    """Make Lightning's trainer.
+
+    Raises:
+        InputError: If this machine or Lightning cannot do what its options ask for.
+    """
+    try:
+        trainer: L.Trainer = instantiate(cfg.trainer)(**arguments)
+    except Exception as error:  # Lightning and what it imports raise many types of exceptions
+        given = ", ".join(f"{name}={cfg.trainer[name]}" for name in ("accelerator", "devices", "strategy"))
+        raise InputError(
+            f"`trainer` must have options that fit together and this machine, got {given} "
+            f"({' '.join(str(error).split()).rstrip('.')}). Try `trainer.accelerator=auto trainer.devices=1`."
+        ) from error
+    return trainer
+
+
 def _last(folder: Path) -> Path:
     return folder / "checkpoints" / "last.ckpt"
 
@@ -117,25 +140,6 @@ def _finish(loggers: list[Logger]) -> None:
     for logger in loggers:
         if isinstance(logger, WandbLogger):
             logger.experiment.finish()
-
-
-def _require_valid(cfg: DictConfig, kinds: tuple[str, ...]) -> None:
-    """Refuse settings with which a run would fail late or never end."""
-    choice("task.kind", cfg.task.kind, kinds)
-    if cfg.symmetry and cfg.task.kind != "morph":
-        raise InputError(
-            "`symmetry` must come with a morph that is trained, got "
-            f"task={HydraConfig.get().runtime.choices['task']}. Try `symmetry=none`, or `method=adadiv`."
-        )
-    if cfg.landmarks and not (cfg.velocity and cfg.task.kind == "morph"):
-        chosen = HydraConfig.get().runtime.choices
-        raise InputError(
-            "`landmarks` must come with a morph whose velocity carries them, got "
-            f"{' and '.join(f'{name}={chosen[name]}' for name in ('task', 'velocity'))}. Try `method=adadiv`, or "
-            "`landmarks=none`."
-        )
-    for name in ("steps", "validations", "sampler.size", "sampler.pool", "sdf.steps", "sdf.size", "sdf.pool"):
-        whole_number(name, OmegaConf.select(cfg, name))
 
 
 def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary | None:
@@ -158,6 +162,8 @@ def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary
 def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
     shapes = _shapes(cfg)
     landmarks = instantiate(cfg.landmarks).read(shapes[0].dim) if cfg.landmarks else None
+    loss, init = instantiate(cfg.loss), instantiate(cfg.init)
+    require_losses(loss, config, init, shapes[0].dim)
     fit = _fit(cfg, config)
     found = _keys(cfg, shapes, fit)
     dim, provenance, placed = found.source.dim, found.provenance, None
@@ -179,7 +185,6 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
     morph = build(model)
     for key, prepared in zip(morph.keys, found.keys, strict=True):
         key.shape.load_state_dict(prepared.shape.state_dict())
-    init = instantiate(cfg.init)
     network = morph.field.core
     init(network, starting_network(network, found.source, fit) if init.needs_source else None)
 
@@ -200,7 +205,7 @@ def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, 
         sampler["near"](dim=dim, interior=interior),
         sampler["ends"](dim=dim, ambient=ambient),
         box,
-        instantiate(cfg.loss),
+        loss,
         instantiate(cfg.optimizer),
         instantiate(cfg.scheduler),
         cfg.task.volume_resolution,
@@ -246,7 +251,7 @@ def _prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, Fi
 
 def _fit(cfg: DictConfig, config: dict[str, Any]) -> Any:
     def trainer(**arguments: Any) -> L.Trainer:
-        return instantiate(cfg.trainer)(callbacks=[Progress("fitting a shape"), ExitOnSignal()], **arguments)
+        return _trainer(cfg, callbacks=[Progress("fitting a shape"), ExitOnSignal()], **arguments)
 
     return instantiate(cfg.sdf)(settings=config["sdf"], trainer=trainer)
 
