@@ -110,7 +110,9 @@ def _hints(name: str, target: str) -> dict[str | None, Any]:
         hints = get_type_hints(function.__init__ if inspect.isclass(function) else function)
     except Exception:  # annotations that cannot be evaluated say nothing
         hints = {}
-    named = {p.name: hints.get(p.name, Any) for p in signature.parameters.values() if p.kind not in _VARIADIC}
+    named: dict[str | None, Any] = {
+        p.name: hints.get(p.name, Any) for p in signature.parameters.values() if p.kind not in _VARIADIC
+    }
     open_ended = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature.parameters.values())
     return {**named, **({None: Any} if open_ended else {})}
 

@@ -240,7 +240,7 @@ def _require_size(node: Any, weights: Mapping[str, Tensor]) -> None:
         largest = max([layers, *(value for key, value in sizes.items() if key != "dim")], default=0)
         if largest > max(values, _FEWEST) or depth > len(weights) or sizes.get("dim", 2) not in (2, 3):
             raise InputError(
-                f"its model must have sizes that fit its {values} weights, got {sizes}. Try another checkpoint."
+                f"`model` must have sizes that fit its {values} weights, got {sizes}. Try another checkpoint."
             )
 
 

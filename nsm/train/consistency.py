@@ -182,10 +182,11 @@ def _patched(choices: Mapping[str, str]) -> set[str]:
 
 def overridden(group: str, option: str) -> Iterator[tuple[str, str]]:
     """Groups and options that a file overrides in its list of defaults."""
-    for entry in OmegaConf.load(CONF / group / f"{option}.yaml").get("defaults") or ():
-        for key, value in entry.items() if isinstance(entry, Mapping) or OmegaConf.is_dict(entry) else ():
-            if str(key).startswith("override /"):
-                yield str(key).removeprefix("override /"), str(value)
+    content: Any = OmegaConf.to_container(OmegaConf.load(CONF / group / f"{option}.yaml")) or {}
+    for entry in content.get("defaults", ()):
+        for key, value in entry.items() if isinstance(entry, Mapping) else ():
+            if key.startswith("override /"):
+                yield key.removeprefix("override /"), str(value)
 
 
 def _parts(override: str) -> tuple[str, str]:
