@@ -21,7 +21,8 @@ from nsm.types import Key
 #: Parts of the configuration that a task does not read, with what it reads instead.
 _UNREAD: dict[str, dict[str, str]] = {
     "sdf": {
-        "target": "", "between": "", "times": "", "align": "", "equal_volume": "", "velocity": "", "beta": "", "field": "", "init": "",
+        "target": "", "between": "", "times": "", "align": "", "equal_volume": "",
+        "velocity": "", "beta": "", "field": "", "init": "",
         "landmarks": "", "method": "",
         "loss": "sdf.loss", "steps": "sdf.steps", "optimizer": "sdf.optimizer", "scheduler": "sdf.scheduler",
     },
