@@ -50,6 +50,11 @@ def require_consistent(cfg: Any, choices: Mapping[str, str], overrides: Sequence
     Raises:
         InputError: If there is such a combination.
     """
+    if cfg.symmetry and cfg.task.kind != "morph":
+        raise InputError(
+            f"`symmetry` must come with a morph that is trained, got task={choices['task']}. Try `symmetry=none`, or "
+            "`method=adadiv`."
+        )
     if cfg.landmarks and not (cfg.velocity and cfg.task.kind == "morph"):
         raise InputError(
             "`landmarks` must come with a morph whose velocity carries them, got "
