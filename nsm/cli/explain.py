@@ -15,8 +15,8 @@ from omegaconf.errors import OmegaConfBaseException
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.cli.groups import Group, describe, group_folders, options
+from nsm.cli.overrides import names_file, shape_overrides
 from nsm.cli.settings import invalid, nearest
-from nsm.cli.shape_files import names_file, shape_overrides
 
 #: Flags of Hydra that start with two dashes.
 _FLAGS = {

@@ -6,7 +6,6 @@ import copy
 import logging
 from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -18,6 +17,7 @@ from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from nsm.cli import entry
+from nsm.cli.overrides import literal
 from nsm.cli.progress import Progress
 from nsm.cli.settings import whole_number
 from nsm.compare.plan import Job, Study, jobs, read_study, trials
@@ -95,7 +95,7 @@ def _launch(study: Study, waiting: Sequence[Job]) -> None:
         logging.getLogger(name).setLevel(logging.WARNING)
     with study_progress(waiting):
         try:
-            launcher.launch([[f"folder={_quoted(job.folder)}"] for job in waiting], initial_job_idx=0)
+            launcher.launch([[f"folder={literal(str(job.folder.resolve()))}"] for job in waiting], initial_job_idx=0)
         # each launcher raises an error of its own when a worker is lost; runs that are done still count
         except Exception:
             log.exception("the launcher failed; repeat the command to resume the runs that are left")
@@ -113,10 +113,6 @@ def _results(study: Study, runs: Sequence[Job]) -> list[Result]:
             results.append(evaluation(progress=lambda stage: progress.update(detail=stage)))
             progress.advance()
     return results
-
-
-def _quoted(folder: Path) -> str:
-    return "'" + str(folder.resolve()).replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
+from nsm.cli.overrides import literal
 from nsm.cli.settings import invalid, nearest
 from nsm.cli.validation import validate
 from nsm.io.loading import known_ends
@@ -140,7 +141,7 @@ def _shape(place: str, shape: ShapeLike, folder: Path) -> list[str]:
 
 
 def _from_file(place: str, kind: str, path: str | os.PathLike[str]) -> list[str]:
-    return [_chosen(place, kind), f"{place}.path={_literal(str(path))}"]
+    return [_chosen(place, kind), f"{place}.path={literal(str(path))}"]
 
 
 def _chosen(place: str, kind: str) -> str:
@@ -154,7 +155,7 @@ def _landmarks(landmarks: LandmarksLike, folder: Path) -> list[str]:
         return [f"landmarks={landmarks}"]
     if isinstance(landmarks, str | os.PathLike):
         path = Path(landmarks).expanduser()
-        return ["landmarks=table", f"landmarks.path={_literal(str(path.resolve() if path.exists() else landmarks))}"]
+        return ["landmarks=table", f"landmarks.path={literal(str(path.resolve() if path.exists() else landmarks))}"]
     arrays = [np.asarray(points, dtype=np.float64) for points in landmarks]
     if len(arrays) != 2 or arrays[0].ndim != 2 or arrays[0].shape != arrays[1].shape:
         raise InputError(
@@ -164,7 +165,7 @@ def _landmarks(landmarks: LandmarksLike, folder: Path) -> list[str]:
     file = folder / "landmarks.csv"
     with whole_file(file) as temporary:
         np.savetxt(temporary, np.hstack(arrays), fmt="%.17g", delimiter=",")
-    return ["landmarks=table", f"landmarks.path={_literal(str(file))}"]
+    return ["landmarks=table", f"landmarks.path={literal(str(file))}"]
 
 
 def _train(folder: Path, shapes: list[str], options: Mapping[str, Any]) -> None:
@@ -192,7 +193,7 @@ def _train(folder: Path, shapes: list[str], options: Mapping[str, Any]) -> None:
 
 def _composed(overrides: list[str], folder: Path) -> DictConfig:
     """The configuration of the training command, with Hydra's own part."""
-    places = [f"hydra.{place}={_literal(str(folder))}" for place in ("run.dir", "runtime.output_dir")]
+    places = [f"hydra.{place}={literal(str(folder))}" for place in ("run.dir", "runtime.output_dir")]
     with initialize_config_dir(str(CONF), version_base="1.3"):
         try:
             return compose("train", [*overrides, *places], return_hydra_config=True)
@@ -242,7 +243,7 @@ def _settings(cfg: DictConfig, options: Mapping[str, Any]) -> list[str]:
             continue
         for key, entry in _flat(name, value[1] if _names(name, value) else value):
             _require_setting(cfg, key)
-            found.append(f"{key}={_literal(entry)}")
+            found.append(f"{key}={literal(entry)}")
     return found
 
 
@@ -271,17 +272,6 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         return
     for key, entry in value.items():
         yield from _flat(f"{name}.{key}", entry)
-
-
-def _literal(value: Any) -> str:
-    """A value in the grammar of Hydra's overrides."""
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
-    if isinstance(value, list | tuple):
-        return f"[{','.join(map(_literal, value))}]"
-    if isinstance(value, str):
-        return "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
-    return str(value)
 
 
 @cache

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import viser
 
 from nsm.cli.errors import InputError
-from nsm.cli.shape_files import quoted
+from nsm.cli.overrides import literal
 from nsm.io.loading import LoadedMorph
 from nsm.view.job import Job
 from nsm.view.notice import Notice
@@ -82,7 +82,7 @@ class ResultPage:
         try:
             file = self.folder / "downloads" / f"{self._loaded.name}.{suffix}"
             self._notice.say(f"Writing {file} …")
-            overrides = [f"checkpoint={quoted(self._loaded.origin)}", f"output={quoted(str(file))}"]
+            overrides = [f"checkpoint={literal(self._loaded.origin)}", f"output={literal(str(file))}"]
             command, settings = self._command(suffix)
             self._job = Job(command, [*overrides, *settings], self.folder / "downloads" / f"{suffix}.log")
             if (error := self._job.error()) is not None:

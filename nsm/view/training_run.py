@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from omegaconf import OmegaConf
 
-from nsm.cli.shape_files import quoted, shape_overrides
+from nsm.cli.overrides import literal, shape_overrides
 from nsm.view.job import Job
 
 #: Settings of each budget on the page, by dimension.
@@ -84,9 +84,9 @@ class TrainingRun:
         if choices.landmarks is not None:
             table = folder / "landmarks.csv"
             table.write_text(choices.landmarks)
-            landmarks = ["landmarks=table", f"landmarks.path={quoted(str(table))}"]
+            landmarks = ["landmarks=table", f"landmarks.path={literal(str(table))}"]
         settings = [*BUDGETS[choices.dim][choices.budget], f"align={choices.align}", *landmarks, *_LIVE]
-        place = f"hydra.run.dir={quoted(str(folder))}"
+        place = f"hydra.run.dir={literal(str(folder))}"
         self.job = Job("train", [*files, *settings, place, *overrides], folder / "output.log")
         self._seen: deque[tuple[float, int]] = deque(maxlen=_RECENT)
 
