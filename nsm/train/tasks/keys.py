@@ -66,8 +66,8 @@ def prepare_keys(
     for shape in shapes[1:]:
         if shape.dim != first.dim:
             raise InputError(
-                f"`shape@target` must have the dimension of the source, {first.dim}D, as all shapes between, got a "
-                f"shape in {shape.dim}D. Try `shape@target={'torus' if first.dim == 3 else 'square'}`."
+                f"`shape@target` must have the dimension of the source, {first.dim}D, got a shape "
+                f"in {shape.dim}D. Try `shape@target={'torus' if first.dim == 3 else 'square'}`."
             )
     fields = [realize(shape, fit) for shape in shapes]
     for field in fields:
