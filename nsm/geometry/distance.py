@@ -10,8 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from nsm.geometry.topology import simplex_normals
-from nsm.types import SimplexMesh, SurfaceSamples
+from nsm.types import SimplexMesh
 
 #: Maximum number of point-segment combinations evaluated at once in 2D.
 _COMBINATIONS = 1 << 22
@@ -76,33 +75,6 @@ def closest_points(points: Float[Tensor, "n d"], mesh: SimplexMesh) -> Closest:
         torch.as_tensor(nearest).to(points),
         torch.as_tensor(simplices, dtype=torch.long, device=points.device),
     )
-
-
-def sample_mesh(mesh: SimplexMesh, count: int, generator: torch.Generator | None = None) -> SurfaceSamples:
-    """Sample points uniformly by area on a mesh, with the normals of their simplices.
-
-    Args:
-        mesh: Triangles in 3D or segments in 2D.
-        count: Number of points.
-        generator: Source of random numbers; the global one if None.
-
-    Raises:
-        ValueError: If the mesh has no simplices of positive area.
-    """
-    normals = simplex_normals(mesh)
-    size = normals.norm(dim=1)
-    if not bool((size > 0).any()):
-        raise ValueError("`mesh` must have a positive area, got 0. Try a level that the field takes.")
-    chosen = torch.searchsorted(
-        size.double().cumsum(0),
-        torch.rand(count, generator=generator, dtype=torch.double, device=size.device) * size.double().sum(),
-    ).clamp(max=len(size) - 1)
-    # normalized exponential variables are uniform barycentric coordinates
-    spacing = torch.rand(count, mesh.simplices.shape[1], 1, generator=generator, dtype=size.dtype, device=size.device)
-    weights = -torch.log1p(-spacing)
-    corners = mesh.vertices[mesh.simplices[chosen]]
-    points = (corners * weights).sum(1) / weights.sum(1)
-    return SurfaceSamples(points, normals[chosen] / size[chosen, None])
 
 
 def _closest_on_segments(points: Tensor, mesh: SimplexMesh) -> Closest:

@@ -25,6 +25,13 @@ def simplex_normals(mesh: SimplexMesh) -> Float[Tensor, "m d"]:
     return torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
 
 
+def simplex_areas(corners: Float[Tensor, "m k d"]) -> Float[Tensor, " m"]:
+    """Compute the areas (lengths in 2D) of simplices with corners of shape (m, d, d)."""
+    edges = corners[:, 1:] - corners[:, :1]
+    gram = edges @ edges.transpose(1, 2)
+    return gram.det().clamp_(min=0).sqrt() / (1 if edges.shape[1] == 1 else 2)
+
+
 def vertex_normals(mesh: SimplexMesh) -> Float[Tensor, "v d"]:
     """Compute unit normals at vertices, shape (v, d), as means over their simplices weighted by area."""
     normals = simplex_normals(mesh)

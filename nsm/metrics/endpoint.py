@@ -12,8 +12,9 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from nsm.geometry.differences import finite_gradient
-from nsm.geometry.distance import DistanceSummary, closest_points, sample_mesh
+from nsm.geometry.distance import DistanceSummary, closest_points
 from nsm.geometry.meshing import extract_surface
+from nsm.geometry.sampling import sample_mesh
 from nsm.geometry.volume import VOLUME_RESOLUTION, volume
 from nsm.types import Morph, SignedDistance
 

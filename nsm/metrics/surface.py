@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.geometry import topology
-from nsm.geometry.distance import sample_mesh
 from nsm.geometry.projection import project_to_level
+from nsm.geometry.sampling import sample_mesh
 from nsm.metrics.pieces import Pieces
 from nsm.metrics.residuals import divergence, level_set_residual, mean_magnitude, rate
 from nsm.types import Jet, Morph, SimplexMesh

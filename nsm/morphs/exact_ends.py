@@ -11,10 +11,10 @@ from torch import Tensor
 
 from nsm.cli.errors import InputError
 from nsm.geometry.advection import RungeKutta, advect
-from nsm.geometry.distance import sample_mesh
 from nsm.geometry.flow import FlowError, FlowMaps
 from nsm.geometry.grid import CHUNK, Lattice, evaluate
 from nsm.geometry.meshing import extract_surface
+from nsm.geometry.sampling import sample_mesh
 from nsm.morphs.advected import velocity_of
 from nsm.morphs.end_detail import EndDetail, shape_gradient
 from nsm.types import Morph, Times

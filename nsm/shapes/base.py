@@ -16,8 +16,9 @@ from nsm.cli.errors import InputError
 from nsm.geometry.grid import evaluate
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.projection import newton_to_level
+from nsm.geometry.sampling import sample_mesh
 from nsm.geometry.volume import volume
-from nsm.shapes.sampling import ambient_points, sample_mesh_surface
+from nsm.shapes.sampling import ambient_points
 from nsm.shapes.similarity import Similarity
 from nsm.types import DistanceSamples, Jet, SimplexMesh, SurfaceSamples
 
@@ -188,7 +189,7 @@ class FieldShape(nn.Module, Shape):
     @torch.no_grad()
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
         """Sample points by area on the extracted surface, and project them to the zero level; normals are ∇g/‖∇g‖."""
-        drawn, _ = sample_mesh_surface(self.surface(), count, generator)
+        drawn, _ = sample_mesh(self.surface(), count, generator)
         points, jet = newton_to_level(self.jet, drawn, steps=2)  # between vertices that lie on the surface
         return SurfaceSamples(points, nn.functional.normalize(jet.gradient, dim=1))
 
@@ -197,7 +198,7 @@ class FieldShape(nn.Module, Shape):
         self, count: int, generator: torch.Generator, bounds: Float[Tensor, "2 d"] | None = None
     ) -> DistanceSamples:
         """Sample points with true distances; those near the surface lie around the extracted surface."""
-        surface, _ = sample_mesh_surface(self.surface(), max(count // 2, 1), generator)
+        surface, _ = sample_mesh(self.surface(), max(count // 2, 1), generator)
         points = ambient_points(surface, count, generator, working_box(self.dim) if bounds is None else bounds)
         return DistanceSamples(points, self.true_distance(points))
 

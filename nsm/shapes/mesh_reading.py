@@ -14,8 +14,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from nsm.cli.errors import InputError
+from nsm.geometry.sampling import sample_mesh
 from nsm.shapes.reading import require_content, unreadable
-from nsm.shapes.sampling import sample_mesh_surface, unit_normals
+from nsm.shapes.sampling import unit_normals
 from nsm.shapes.surface_files import SURFACE_FORMATS, read_surface
 from nsm.types import SimplexMesh
 
@@ -216,7 +217,7 @@ def _area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def _winding_below(vertices: np.ndarray, faces: np.ndarray, count: int = 2000) -> float:
     """Compute the mean winding number just below points sampled by area on the triangles."""
     mesh = SimplexMesh(torch.from_numpy(vertices), torch.from_numpy(faces))
-    points, chosen = sample_mesh_surface(mesh, count, torch.Generator().manual_seed(0))
+    points, chosen = sample_mesh(mesh, count, torch.Generator().manual_seed(0))
     normals = unit_normals(mesh.vertices[mesh.simplices[chosen]])
     offset = 1e-6 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     return float(igl.fast_winding_number(vertices, faces, (points - offset * normals).numpy()).mean())

@@ -9,8 +9,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.geometry.grid import Lattice
+from nsm.geometry.sampling import sample_mesh
+from nsm.geometry.topology import simplex_areas
 from nsm.shapes.base import FieldShape
-from nsm.shapes.sampling import sample_mesh_surface, simplex_areas
 from nsm.shapes.similarity import Similarity
 from nsm.types import SimplexMesh
 
@@ -41,7 +42,7 @@ class NormalizedShape:
         corners = vertices[mesh.simplices]
         areas = simplex_areas(corners)
         center = (areas[:, None] * corners.mean(1)).sum(0) / areas.sum()
-        drawn, _ = sample_mesh_surface(SimplexMesh(vertices - center, mesh.simplices), count, generator)
+        drawn, _ = sample_mesh(SimplexMesh(vertices - center, mesh.simplices), count, generator)
         scale = 1 / float(drawn.square().sum(1).mean().sqrt())
         self.normalizing = Similarity.scaling(scale, shape.dim).after(Similarity.shift(-center))
         self.points = self._onto_surface(scale * drawn)

@@ -1,47 +1,14 @@
-"""Random points on meshes and around surfaces."""
+"""Random points around surfaces, and normals of simplices."""
 
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
-
-from nsm.types import SimplexMesh
 
 #: Standard deviations of the offsets from the surface, each for half of the points, for a shape that spans about
 #: [-1, 1]: variances 0.0025 and 0.00025 as in DeepSDF (Park et al., CVPR 2019, https://arxiv.org/abs/1901.05103).
 NEAR_SIGMAS = (0.05, 0.0158)
-
-
-def sample_mesh_surface(
-    mesh: SimplexMesh, count: int, generator: torch.Generator
-) -> tuple[Float[Tensor, "n d"], Int[Tensor, " n"]]:
-    """Sample points uniformly by area on a mesh (by length in 2D).
-
-    Args:
-        mesh: Triangles in 3D or segments in 2D.
-        count: Number of points n.
-        generator: Source of random numbers.
-
-    Returns:
-        Points, shape (n, d), and the index of the simplex of each, shape (n,).
-    """
-    corners = mesh.vertices[mesh.simplices]
-    areas = simplex_areas(corners)
-    cumulative = areas.double().cumsum(0)
-    draws = torch.rand(count, generator=generator, dtype=torch.float64) * cumulative[-1]
-    chosen = torch.searchsorted(cumulative, draws).clamp_(max=len(areas) - 1)
-    # normalized exponential variables are uniform barycentric coordinates
-    weights = -torch.rand(count, corners.shape[1], generator=generator, dtype=corners.dtype).clamp_(min=1e-12).log()
-    weights /= weights.sum(1, keepdim=True)
-    return (weights[:, :, None] * corners[chosen]).sum(1), chosen
-
-
-def simplex_areas(corners: Float[Tensor, "m k d"]) -> Float[Tensor, " m"]:
-    """Compute the areas (lengths in 2D) of simplices with corners of shape (m, d, d)."""
-    edges = corners[:, 1:] - corners[:, :1]
-    gram = edges @ edges.transpose(1, 2)
-    return gram.det().clamp_(min=0).sqrt() / (1 if edges.shape[1] == 1 else 2)
 
 
 def unit_normals(corners: Float[Tensor, "m k d"]) -> Float[Tensor, "m d"]:

@@ -10,8 +10,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
+from nsm.geometry.sampling import sample_mesh
 from nsm.shapes.base import FieldShape
-from nsm.shapes.sampling import sample_mesh_surface, unit_normals
+from nsm.shapes.sampling import unit_normals
 from nsm.types import SimplexMesh, SurfaceSamples
 
 #: Margin around the vertices in the local box, relative to the size of the shape.
@@ -62,7 +63,7 @@ class SimplexShape(FieldShape):
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:
         """Sample points uniformly on the simplices, with the normals of the simplices."""
         mesh = self.surface()
-        points, chosen = sample_mesh_surface(mesh, count, generator)
+        points, chosen = sample_mesh(mesh, count, generator)
         return SurfaceSamples(points, unit_normals(mesh.vertices[mesh.simplices[chosen]]))
 
     def provenance(self) -> dict[str, Any]:

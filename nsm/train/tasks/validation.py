@@ -14,9 +14,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.geometry.band import sample_band
-from nsm.geometry.distance import sample_mesh
 from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.meshing import open_sides, surface_in_band
+from nsm.geometry.sampling import sample_mesh
 from nsm.geometry.volume import volume, volume_in_surface
 from nsm.metrics import VolumeCurve, times_through, volume_beyond
 from nsm.metrics.pieces import Leftover, Pieces
