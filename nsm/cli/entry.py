@@ -128,5 +128,6 @@ def _silence_lightning() -> None:
         ".*`IterableDataset` has `__len__`.*",
         ".*exists and is not empty.*",
         ".*treespec, LeafSpec.*",
+        ".*sync_dist=True.*",  # all processes that train together validate the same morph
     ):
         warnings.filterwarnings("ignore", message)

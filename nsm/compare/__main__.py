@@ -23,10 +23,10 @@ from nsm.cli.settings import whole_number
 from nsm.compare.plan import Job, Study, jobs, read_study, trials
 from nsm.compare.progress import study_progress
 from nsm.compare.rates import best_rates, finished
-from nsm.compare.record import DONE, FAILED, prepare
+from nsm.compare.record import DONE, FAILED, prepare, read_record
 from nsm.compare.report import write_report
 from nsm.compare.results import Result, result_of_official, result_of_run
-from nsm.compare.run import carry_out
+from nsm.compare.run import being_carried_out, carry_out
 
 log = logging.getLogger(__name__)
 
@@ -77,7 +77,16 @@ def _trained(job: Job) -> bool:
 
 
 def _launch(study: Study, waiting: Sequence[Job]) -> None:
-    """Carry out runs with Hydra's launcher, each as a job of ``conf/compare_run.yaml``."""
+    """Carry out runs, and those that are left where a worker was lost, as long as some are finished each time."""
+    left: Sequence[Job] = waiting
+    while left:
+        before, left = left, _launch_once(study, left)
+        if len(left) == len(before):
+            break
+
+
+def _launch_once(study: Study, waiting: Sequence[Job]) -> list[Job]:
+    """Carry out runs with Hydra's launcher, each as a job of ``conf/compare_run.yaml``; returns those that are left."""
     config: Any = copy.deepcopy(HydraConfig.instance().cfg)
     for node in (config, config.hydra, config.hydra.job):
         OmegaConf.set_readonly(node, False)
@@ -97,8 +106,12 @@ def _launch(study: Study, waiting: Sequence[Job]) -> None:
         try:
             launcher.launch([[f"folder={literal(str(job.folder.resolve()))}"] for job in waiting], initial_job_idx=0)
         # each launcher raises an error of its own when a worker is lost; runs that are done still count
-        except Exception:
-            log.exception("the launcher failed; repeat the command to resume the runs that are left")
+        except Exception as error:
+            log.warning("a worker was lost: %s", " ".join(str(error).split()) or type(error).__name__)
+        for job in waiting:
+            with being_carried_out(job.folder):  # other workers go on
+                pass
+    return [job for job in waiting if (record := read_record(job.folder)) and record.state not in (DONE, FAILED)]
 
 
 def _results(study: Study, runs: Sequence[Job]) -> list[Result]:

@@ -12,6 +12,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock
+
+from nsm.cli.child import MODULE
+from nsm.cli.overrides import literal
 from nsm.compare.record import DONE, FAILED, INTERRUPTED, MEASURING, TRAINING, Record, read_record, write_record
 
 #: Steps in which the time of one step is measured; the steps of the warm-up do not count.
@@ -42,7 +46,8 @@ _DIGITS = 3
 def carry_out(config: Mapping[str, Any]) -> str:
     """Carry out or resume the run in the folder ``config["folder"]``, as its ``run.json`` specifies.
 
-    A failure of the run is recorded there and not raised.
+    A failure of the run is recorded there and not raised. While another worker carries out the run, this one waits for
+    it, and does nothing if the run is finished then.
 
     Args:
         config: Configuration of ``conf/compare_run.yaml``.
@@ -54,15 +59,23 @@ def carry_out(config: Mapping[str, Any]) -> str:
         FileNotFoundError: If the folder has no record.
     """
     folder = Path(config["folder"])
-    record = read_record(folder)
-    if record is None:
-        raise FileNotFoundError(f"{folder / 'run.json'} is missing; the study was moved while it ran")
-    if record.trained and record.steps is None and record.settings["minutes"] is not None:
-        record = _measured(folder, record)
-    if record.reason is None:
-        record = _trained(folder, record)
-    write_record(folder, record)
-    return record.state
+    with being_carried_out(folder):
+        record = read_record(folder)
+        if record is None:
+            raise FileNotFoundError(f"{folder / 'run.json'} is missing; the study was moved while it ran")
+        if record.state in (DONE, FAILED):
+            return record.state
+        if record.trained and record.steps is None and record.settings["minutes"] is not None:
+            record = _measured(folder, record)
+        if record.reason is None:
+            record = _trained(folder, record)
+        write_record(folder, record)
+        return record.state
+
+
+def being_carried_out(folder: Path) -> FileLock:
+    """The lock that a worker holds while it carries out a run; it ends with the worker, however that ends."""
+    return FileLock(folder / ".nsm-worker.lock")
 
 
 def _measured(folder: Path, record: Record) -> Record:
@@ -71,7 +84,8 @@ def _measured(folder: Path, record: Record) -> Record:
     trial = folder / "measure"
     shutil.rmtree(trial, ignore_errors=True)
     log = folder / "output.log"
-    status = _start([*_arguments(record, trial, MEASURED_STEPS), *_TRIAL], log, record.threads)
+    untracked = ["~logger.wandb"] if _labels(record, folder) else []
+    status = _start([*_arguments(record, trial, MEASURED_STEPS), *_TRIAL, *untracked], log, record.threads)
     if status:
         return _failed(record, status, log)
     timing = json.loads((trial / "step_times.json").read_text())
@@ -83,11 +97,24 @@ def _measured(folder: Path, record: Record) -> Record:
 def _trained(folder: Path, record: Record) -> Record:
     write_record(folder, record._replace(state=TRAINING, reason=None))
     log = folder / "output.log"
-    status = _start([*_arguments(record, folder, record.steps), "resume=true"], log, record.threads)
+    arguments = [*_labels(record, folder), *_arguments(record, folder, record.steps), "resume=true"]
+    status = _start(arguments, log, record.threads)
     if status or not (folder / "summary.json").is_file():
         return _failed(record, status, log)
     made = json.loads((folder / "summary.json").read_text())["steps"]
     return record._replace(state=DONE, steps=made if record.trained else None)
+
+
+def _labels(record: Record, folder: Path) -> list[str]:
+    """Overrides that name the run in wandb after its place in the study, in the group of the study."""
+    if "logger=wandb" not in record.settings["overrides"]:
+        return []
+    parts = folder.resolve().parts
+    runs = len(parts) - 1 - parts[::-1].index("runs")
+    return [
+        f"logger.wandb.group={literal(parts[runs - 1])}",
+        f"logger.wandb.name={literal('/'.join(parts[runs + 1 :]))}",
+    ]
 
 
 def _arguments(record: Record, folder: Path, steps: int | None) -> list[str]:
@@ -110,7 +137,7 @@ def _start(arguments: Sequence[str], log: Path, threads: int | None) -> int:
         The exit status, negative for a signal.
     """
     environment = dict(os.environ) | ({"OMP_NUM_THREADS": str(threads)} if threads else {})
-    command = [sys.executable, "-m", "nsm.compare.child", COMMAND, *arguments]
+    command = [sys.executable, "-m", MODULE, COMMAND, *arguments]
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("w") as output:
         child = subprocess.Popen(

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import torch
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -28,6 +29,24 @@ _LEGEND_COLUMNS, _LEGEND_ROW = 3, 0.17
 LINES = ("-", "--", ":", "-.")
 
 
+#: Columns of the table of a volume curve.
+VOLUME_COLUMNS = ("time", "volume", "deviation")
+
+
+def volume_rows(times: Tensor, volumes: Tensor) -> list[list[float]]:
+    """Tabulate a volume curve: time, volume, and deviation, V / V(0) − 1.
+
+    >>> import torch
+    >>> volume_rows(torch.tensor([0.0, 1.0]), torch.tensor([2.0, 3.0]))
+    [[0.0, 2.0, 0.0], [1.0, 3.0, 0.5]]
+
+    Args:
+        times: Times, shape (k,).
+        volumes: Volume at each time, shape (k,).
+    """
+    return torch.stack([times, volumes, volumes / volumes[0] - 1], dim=1).tolist()
+
+
 def write_volume_curve(path: Path | str, times: Tensor, volumes: Tensor) -> None:
     """Write a volume curve as CSV with the columns time, volume, and deviation, V / V(0) − 1.
 
@@ -38,9 +57,8 @@ def write_volume_curve(path: Path | str, times: Tensor, volumes: Tensor) -> None
     """
     with whole_file(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["time", "volume", "deviation"])
-        deviations = volumes / volumes[0] - 1
-        for row in zip(times.tolist(), volumes.tolist(), deviations.tolist(), strict=True):
+        writer.writerow(VOLUME_COLUMNS)
+        for row in volume_rows(times, volumes):
             writer.writerow([f"{number:.9g}" for number in row])
 
 

@@ -12,8 +12,9 @@ from typing import Any
 
 import lightning as L
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from hydra.utils import instantiate as hydra_instantiate
-from lightning.pytorch.loggers import Logger, WandbLogger
+from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
@@ -27,9 +28,20 @@ from nsm.sampling import Fractions, MorphSampler
 from nsm.shapes import Shape
 from nsm.shapes.asymmetry import asymmetry
 from nsm.shapes.landmarks import warn_of_distant
-from nsm.train.callbacks import Checkpoints, ExitOnSignal, MorphWriter, Progress, StopOnSignal
+from nsm.train.callbacks import (
+    Checkpoints,
+    ExitOnSignal,
+    MorphWriter,
+    Progress,
+    Rewind,
+    StopOnSignal,
+    Trackers,
+    closing,
+    opened,
+)
 from nsm.train.consistency import require_consistent, require_losses, require_wandb_key
 from nsm.train.optimal_transport import transport_run
+from nsm.train.processes import processes_to_start, training_together
 from nsm.train.recovery import fit_with_recovery, require_same_run
 from nsm.train.summary import Summary
 from nsm.train.tasks import FieldData, FieldTask, Keys, MorphTask, SdfFit, draw_pools, prepare_keys, starting_network
@@ -69,9 +81,17 @@ def main(cfg: DictConfig) -> None:
     keep_freed_memory()
     use_threads(config)
     L.seed_everything(cfg.seed, verbose=False)
-    if summary := kinds[cfg.task.kind](cfg, config, folder):
-        summary.write(folder)
-        summary.report(folder)
+    with training_together(_processes(cfg), cfg.trainer.num_nodes, HydraConfig.get().overrides.task, folder):
+        if summary := kinds[cfg.task.kind](cfg, config, folder):
+            summary.write(folder)
+            summary.report(folder)
+
+
+def _processes(cfg: DictConfig) -> int:
+    """Number of processes that train together on this machine, if this one has to start the others."""
+    if cfg.trainer.devices == 1 or cfg.task.kind == "ot":
+        return 1
+    return processes_to_start(_trainer(cfg, logger=False, enable_checkpointing=False))
 
 
 def _names_shapes(overrides: Sequence[str]) -> bool:
@@ -92,25 +112,25 @@ def _train(
     loggers: list[Logger] = []
 
     def trainer() -> L.Trainer:
-        callbacks = [*instantiate(cfg.callbacks).values(), stop]
-        loggers[:] = instantiate(cfg.logger).values()
+        callbacks = [Rewind(), *instantiate(cfg.callbacks).values(), stop]
+        loggers[:] = opened(instantiate(cfg.logger).values(), config, _group())
         every = max(1, steps // cfg.validations)
         return _trainer(cfg, max_steps=steps, val_check_interval=every, callbacks=callbacks, logger=loggers)
 
-    try:
+    with closing(loggers):
         done = fit_with_recovery(trainer, task, data, _last(folder), resume=bool(cfg.resume))
-    finally:
-        _finish(loggers)
-    if stop.received:
-        log.warning(
-            "Training stopped at step %d of %d. Repeat the command with `hydra.run.dir=%s resume=true` to continue.",
-            done.global_step, steps, folder,
-        )  # fmt: skip
-        raise SystemExit(128 + stop.received)
-    if not done.callback_metrics:
-        log.info("The run in %s has already finished its %d steps.", folder, steps)
-        return None
-    figures, best = _best_figures(done)
+        if stop.received:
+            log.warning(
+                "Training stopped at step %d of %d. Repeat the command with `hydra.run.dir=%s resume=true` "
+                "to continue.",
+                done.global_step, steps, folder,
+            )  # fmt: skip
+            raise SystemExit(128 + stop.received)
+        if not done.callback_metrics:
+            log.info("The run in %s has already finished its %d steps.", folder, steps)
+            return None
+        figures, best = _best_figures(done)
+        Trackers.of(done).outcome(figures, _best(folder))
     return Summary(done.global_step, time.monotonic() - prepared, figures, prepared - begin, best)
 
 
@@ -131,15 +151,18 @@ def _trainer(cfg: DictConfig, **arguments: Any) -> L.Trainer:
     return trainer
 
 
+def _group() -> str | None:
+    """Group of the run in trackers: the folder of its multirun, if it belongs to one."""
+    hydra = HydraConfig.get()
+    return Path(hydra.sweep.dir).name if hydra.mode == RunMode.MULTIRUN else None
+
+
+def _best(folder: Path) -> Path:
+    return folder / "checkpoints" / "best.ckpt"
+
+
 def _last(folder: Path) -> Path:
     return folder / "checkpoints" / "last.ckpt"
-
-
-def _finish(loggers: list[Logger]) -> None:
-    """Close a run of wandb; otherwise the next run of a multirun continues it."""
-    for logger in loggers:
-        if isinstance(logger, WandbLogger):
-            logger.experiment.finish()
 
 
 def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary | None:
@@ -156,7 +179,15 @@ def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary
     ends = _keys(cfg, _shapes(cfg), _fit(cfg, config))
     prepared = time.monotonic() - begin
     writers = [callback for callback in instantiate(cfg.callbacks).values() if isinstance(callback, MorphWriter)]
-    return replace(transport_run(method, ends, config, writers, folder), preparing=prepared)
+    loggers = opened(instantiate(cfg.logger).values(), config, _group())
+    trackers = Trackers(loggers, step=0)
+    with closing(loggers):
+        summary = transport_run(method, ends, config, writers, trackers, folder)
+        for logger in loggers:
+            logger.log_metrics(dict(summary.figures), step=0)
+            logger.finalize("success")
+        trackers.outcome(summary.figures, _best(folder))
+    return replace(summary, preparing=prepared)
 
 
 def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:

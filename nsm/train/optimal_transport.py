@@ -13,13 +13,18 @@ from nsm.cli.progress import Progress
 from nsm.io.checkpoint import describe, save_morph
 from nsm.metrics import even_times, volume_curve
 from nsm.morphs.optimal_transport.solver import OptimalTransport
-from nsm.train.callbacks import MorphWriter
+from nsm.train.callbacks import MorphWriter, Trackers
 from nsm.train.summary import Summary
 from nsm.train.tasks import Keys
 
 
 def transport_run(
-    method: OptimalTransport, ends: Keys, config: Mapping[str, Any], writers: Sequence[MorphWriter], folder: Path
+    method: OptimalTransport,
+    ends: Keys,
+    config: Mapping[str, Any],
+    writers: Sequence[MorphWriter],
+    trackers: Trackers,
+    folder: Path,
 ) -> Summary:
     """Compute a morph, and write its checkpoints and the files of the run's callbacks.
 
@@ -28,6 +33,7 @@ def transport_run(
         ends: Posed and scaled shapes.
         config: Resolved configuration of the run.
         writers: Callbacks of the run that write files of a finished morph.
+        trackers: Trackers of the run.
         folder: Folder of the run.
 
     Returns:
@@ -48,7 +54,7 @@ def transport_run(
         curve = volume_curve(morph, even_times(config["task"]["volume_times"]), config["task"]["volume_resolution"])
         show("files")
         for writer in writers:
-            writer.write(morph, curve, "optimal transport")
+            writer.write(morph, curve, "optimal transport", trackers)
     expected = torch.tensor(morph.volumes, dtype=torch.double)
     figures = {
         "val/volume_std": curve.relative_std,

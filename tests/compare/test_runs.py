@@ -16,8 +16,11 @@ from unittest import mock
 import lightning as L
 import pytest
 import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 from studies import TINY, compare_here, rows, tiny
 
+from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.compare import run
 from nsm.compare.plan import Budget, Job
@@ -79,6 +82,44 @@ def test_why_a_run_failed_is_kept(
     # what failed is not tried again unless asked for, what was ended from outside is
     assert prepare(job, budget, True, None, retry=False).state == (FAILED if state == FAILED else "planned")
     assert prepare(job, budget, True, None, retry=True).state == "planned"
+
+
+def test_runs_are_a_group_of_wandb_named_after_the_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loggers = []
+
+    def note(arguments: Sequence[str], log: Path, threads: int | None) -> int:
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            loggers.append(compose("train", list(arguments)).logger)
+        folder = Path(next(a for a in arguments if a.startswith("hydra.run.dir=")).partition("=")[2].strip("'"))
+        folder.mkdir(exist_ok=True)
+        (folder / "step_times.json").write_text('{"step_s": 0.1}')
+        (folder / "summary.json").write_text('{"steps": 6}')
+        return 0
+
+    monkeypatch.setattr(run, "_start", note)
+    folder = tmp_path / "my study" / "runs" / "disk" / "free" / "seed_3"
+    chosen = ("+experiment=disk_translation", "method=free", "logger=wandb", "logger.wandb.offline=true")
+    prepare(Job("disk", "free", 3, chosen, folder), Budget(0.01, None), trained=True, threads=None, retry=False)
+    assert run.carry_out({"folder": str(folder)}) == "done"
+    measured, trained = loggers
+    assert list(measured) == ["csv"], "timing a step is no run"
+    assert (trained.wandb.group, trained.wandb.offline) == ("my study", True)
+    assert OmegaConf.to_container(trained.wandb, resolve=False)["name"] == "disk/free/seed_3"
+
+
+def test_a_run_that_another_worker_carries_out_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job = Job("disk", "free", 0, ("method=free",), tmp_path / "run")
+    record = prepare(job, Budget(None, 3), trained=True, threads=None, retry=False)
+    monkeypatch.setattr(run, "_start", mock.Mock(side_effect=AssertionError("run twice")))
+    states: list[str] = []
+    second = threading.Thread(target=lambda: states.append(run.carry_out({"folder": str(job.folder)})))
+    with run.being_carried_out(job.folder):
+        second.start()
+        time.sleep(0.2)
+        assert not states
+        write_record(job.folder, record._replace(state="done"))
+    second.join()
+    assert states == ["done"]
 
 
 def test_settings_may_change_until_a_run_has_begun(tmp_path: Path) -> None:

@@ -158,6 +158,7 @@ def test_a_run_writes_what_a_run_does_and_loads_bit_for_bit(finished: Path, tmp_
     assert files(finished) == {
         "checkpoints/best.ckpt",
         "checkpoints/last.ckpt",
+        "log/metrics.csv",
         "summary.json",
     }
     summary = json.loads((finished / "summary.json").read_text())

@@ -206,7 +206,7 @@ def test_every_set_of_callbacks_can_be_made_and_keeps_checkpoints(name: str, tmp
 def test_every_logger_writes_below_the_runs_folder(name: str, tmp_path: Path) -> None:
     offline = ["logger.wandb.offline=true"] if name == "wandb" else []
     made = instantiate(composed(f"logger={name}", *offline, folder=str(tmp_path)).logger, _convert_="all")
-    assert [Path(logger.save_dir) for logger in made.values()] == [tmp_path]
+    assert {Path(logger.save_dir) for logger in made.values()} == {tmp_path}
 
 
 @pytest.mark.parametrize("name", variants("align"))

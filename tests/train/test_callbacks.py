@@ -5,23 +5,18 @@ from __future__ import annotations
 import csv
 import os
 import signal
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 import trimesh
-import wandb
 from problems import translating_ball
-from runs import BARE, DISK, TINY, files, train_here
+from runs import BARE, DISK, files, train_here
 
 from nsm.io.mesh import write_mesh
 from nsm.morphs.surfaces import extract_frame
 from nsm.train.tasks import MorphTask
-
-#: A ball that stays where it is, in space.
-BALL = (*TINY, "shape@source=ball", "shape@target=ball", "optimizer.lr=1e-5", "steps=2", "validations=1")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -89,35 +84,3 @@ def test_terms_are_logged_only_where_a_row_is_written(tmp_path: Path, monkeypatc
         written = [int(row["step"]) for row in csv.DictReader(file) if row["train/loss"]]
     assert written == [4, 9, 11]
     assert noted == [5, 10, 12]
-
-
-def test_tensorboard_gets_curves_and_pictures(tmp_path: Path) -> None:
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-    run = (*DISK, "logger=tensorboard", f"hydra.run.dir={tmp_path}")
-    assert train_here(*run) == 0
-    events = EventAccumulator(str(tmp_path / "tensorboard")).Reload()
-    assert {"train/loss", "train/eikonal", "val/error", "val/volume_max"} <= set(events.Tags()["scalars"])
-    assert set(events.Tags()["images"]) == {"volume", "strip"}
-    assert [event.step for event in events.Scalars("val/error")] == [5, 11]
-
-
-def test_wandb_gets_the_curve_pictures_and_meshes_without_a_network(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("WANDB_SILENT", "true")
-    monkeypatch.setenv("WANDB_BASE_URL", "http://127.0.0.1:9")  # nobody answers there
-    run = (*BALL, "logger=wandb", "logger.wandb.offline=true", f"hydra.run.dir={tmp_path}")
-    assert train_here(*run) == 0
-    assert wandb.run is None, "a next run would go on in this one"
-    (offline,) = (tmp_path / "wandb").glob("offline-run-*")
-    media = [
-        p.relative_to(offline / "files" / "media") for p in (offline / "files" / "media").rglob("*") if p.is_file()
-    ]
-    assert sum(p.suffix == ".png" for p in media) == 2
-    assert sum(p.name.endswith(".pts.json") for p in media) == 5
-    (written,) = offline.glob("*.wandb")
-    deadline = time.monotonic() + 20
-    while not (b"val/error" in (content := written.read_bytes()) and b"train/loss" in content):
-        assert time.monotonic() < deadline  # wandb writes from a process of its own
-        time.sleep(0.05)

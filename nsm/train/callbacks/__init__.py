@@ -8,7 +8,9 @@ from nsm.train.callbacks.progress import Progress
 from nsm.train.callbacks.step_times import StepTimes, Unvalidated
 from nsm.train.callbacks.strip import Strip
 from nsm.train.callbacks.tensorboard import TensorBoardLog
+from nsm.train.callbacks.tracker import Rewind, Tracker, Trackers, closing, opened
 from nsm.train.callbacks.volume_curve import VolumeCurveLog
+from nsm.train.callbacks.wandb_log import WandbLog
 from nsm.train.callbacks.writer import MorphWriter
 
 __all__ = [
@@ -18,10 +20,16 @@ __all__ = [
     "MeshSnapshots",
     "MorphWriter",
     "Progress",
+    "Rewind",
     "StepTimes",
     "StopOnSignal",
     "Strip",
     "TensorBoardLog",
+    "Tracker",
+    "Trackers",
     "Unvalidated",
     "VolumeCurveLog",
+    "WandbLog",
+    "closing",
+    "opened",
 ]

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import lightning as L
-import numpy as np
-from lightning.pytorch.loggers import WandbLogger
 
 from nsm.io.mesh import write_mesh
 from nsm.metrics import VolumeCurve
 from nsm.morphs.surfaces import extract_frame
+from nsm.plots.strip import render_strip
 from nsm.train.callbacks.checkpoints import best_morph
+from nsm.train.callbacks.tracker import Trackers
 from nsm.train.callbacks.writer import MorphWriter
 from nsm.train.tasks import MorphTask
-from nsm.types import Morph, SimplexMesh
+from nsm.types import Morph
 
 #: File format of a surface and of a curve, by dimension.
 _SUFFIXES = {3: ".ply", 2: ".obj"}
+#: Width in pixels of the picture of each time that trackers get in 2D.
+_SIZE = 300
 
 
 class MeshSnapshots(MorphWriter):
-    """Writes meshes (``.ply``, in 2D ``.obj``), and logs them to wandb.
+    """Writes meshes (``.ply``, in 2D ``.obj``), and logs them to trackers: surfaces in 3D, a row of pictures in 2D.
 
     Some validations write ``meshes/step_<step>/t_<time>.ply``; the end of training writes the meshes of ``best.ckpt``,
     ``meshes/best/t_<time>.ply``.
@@ -39,9 +42,8 @@ class MeshSnapshots(MorphWriter):
         self.times, self.resolution, self.every = tuple(times), resolution, every
         self._validations = 0
 
-    def write(self, morph: Morph, curve: VolumeCurve, label: str) -> None:
-        for time in self.times:
-            self._snapshot(morph, "best", time)
+    def write(self, morph: Morph, curve: VolumeCurve, label: str, trackers: Trackers) -> None:
+        self._snapshots(morph, "best", trackers)
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write the meshes of this step, if it is due."""
@@ -49,31 +51,23 @@ class MeshSnapshots(MorphWriter):
             return
         self._validations += 1
         if not self._validations % self.every:
-            self._write_and_log(trainer, pl_module.morph, f"step_{trainer.global_step:06d}")
+            self._snapshots(pl_module.morph, f"step_{trainer.global_step:06d}", Trackers.of(trainer))
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write the meshes of the best step."""
         if not isinstance(pl_module, MorphTask) or not trainer.is_global_zero:
             return
         if trainer.global_step >= trainer.max_steps:
-            self._write_and_log(trainer, best_morph(trainer, pl_module.morph).morph, "best")
+            self._snapshots(best_morph(trainer, pl_module.morph).morph, "best", Trackers.of(trainer))
 
-    def _write_and_log(self, trainer: L.Trainer, morph: Morph, name: str) -> None:
+    def _snapshots(self, morph: Morph, name: str, trackers: Trackers) -> None:
         for time in self.times:
-            mesh = self._snapshot(morph, name, time)
-            for logger in trainer.loggers:
-                if isinstance(logger, WandbLogger):
-                    _log_mesh(logger, f"mesh/t_{time:.3f}", mesh, trainer.global_step)
-
-    def _snapshot(self, morph: Morph, name: str, time: float) -> SimplexMesh:
-        frame = extract_frame(morph, time, self.resolution)
-        write_mesh(self.folder / name / f"t_{time:.3f}{_SUFFIXES[morph.dim]}", frame.mesh, frame.normals)
-        return frame.mesh
-
-
-def _log_mesh(logger: WandbLogger, name: str, mesh: SimplexMesh, step: int) -> None:
-    """Log the vertices of a mesh in 3D as a point cloud, which is what wandb shows."""
-    if mesh.vertices.shape[1] == 3:
-        import wandb
-
-        logger.experiment.log({name: wandb.Object3D(np.asarray(mesh.vertices.cpu())), "trainer/global_step": step})
+            frame = extract_frame(morph, time, self.resolution)
+            write_mesh(self.folder / name / f"t_{time:.3f}{_SUFFIXES[morph.dim]}", frame.mesh, frame.normals)
+            if morph.dim == 3:
+                trackers.surface(f"mesh/t_{time:.3f}", frame)
+        if morph.dim == 2 and trackers:
+            with tempfile.TemporaryDirectory() as folder:
+                picture = Path(folder) / "shapes.png"
+                render_strip(picture, morph, self.times, size=_SIZE)
+                trackers.picture("shapes", picture)

@@ -10,7 +10,7 @@ import lightning as L
 from nsm.metrics import VolumeCurve, with_key_times
 from nsm.plots.strip import try_strip
 from nsm.train.callbacks.checkpoints import best_morph
-from nsm.train.callbacks.volume_curve import log_picture
+from nsm.train.callbacks.tracker import Trackers
 from nsm.train.callbacks.writer import MorphWriter
 from nsm.train.tasks import MorphTask
 from nsm.types import Morph
@@ -34,16 +34,17 @@ class Strip(MorphWriter):
         self.file = Path(folder) / "strip.png"
         self.times, self.size = times, size
 
-    def write(self, morph: Morph, curve: VolumeCurve, label: str) -> None:
-        self._draw(morph)
+    def write(self, morph: Morph, curve: VolumeCurve, label: str, trackers: Trackers) -> None:
+        self._draw(morph, trackers)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Draw the strip of the best step."""
         if not isinstance(pl_module, MorphTask) or not trainer.is_global_zero:
             return
-        if trainer.global_step >= trainer.max_steps and self._draw(best_morph(trainer, pl_module.morph).morph):
-            log_picture(trainer, "strip", self.file)
+        if trainer.global_step >= trainer.max_steps:
+            self._draw(best_morph(trainer, pl_module.morph).morph, Trackers.of(trainer))
 
-    def _draw(self, morph: Morph) -> bool:
+    def _draw(self, morph: Morph, trackers: Trackers) -> None:
         times = with_key_times(morph, TIMES) if self.times is None else self.times
-        return try_strip(self.file, morph, times, size=self.size)
+        if try_strip(self.file, morph, times, size=self.size):
+            trackers.picture("strip", self.file)

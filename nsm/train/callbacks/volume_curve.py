@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-import torch
-from lightning.pytorch.loggers import TensorBoardLogger, WandbLogger
-from torch import Tensor
 
 from nsm.cli.files import whole_file
 from nsm.metrics import VolumeCurve
 from nsm.plots.curves import plot_volume_curves, write_volume_curve
 from nsm.train.callbacks.checkpoints import Checkpoints
+from nsm.train.callbacks.tracker import Trackers
 from nsm.train.callbacks.writer import MorphWriter
 from nsm.train.tasks import MorphTask
 from nsm.types import Morph
@@ -23,7 +21,7 @@ class VolumeCurveLog(MorphWriter):
     """Keeps the volume curve of every validation.
 
     Writes ``volume_history.csv`` (step, time, volume) and the last curve as ``volume.csv`` and ``volume.png``, at the
-    end of training that of ``best.ckpt``. Loggers that take images get the picture.
+    end of training that of ``best.ckpt``. Trackers get the curve as a table and as a picture.
 
     Args:
         folder: Folder of these files.
@@ -33,9 +31,12 @@ class VolumeCurveLog(MorphWriter):
         self.folder = Path(folder)
         self._history: list[tuple[int, VolumeCurve]] = []
 
-    def write(self, morph: Morph, curve: VolumeCurve, label: str) -> None:
+    def write(self, morph: Morph, curve: VolumeCurve, label: str, trackers: Trackers) -> None:
+        picture = self.folder / "volume.png"
         write_volume_curve(self.folder / "volume.csv", curve.times, curve.volumes)
-        plot_volume_curves(self._picture, {label: (curve.times, curve.volumes)})
+        plot_volume_curves(picture, {label: (curve.times, curve.volumes)})
+        trackers.picture("volume", picture)
+        trackers.curve("volume_curve", curve)
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write the curve that validation measured."""
@@ -47,7 +48,7 @@ class VolumeCurveLog(MorphWriter):
         with whole_file(self.folder / "volume_history.csv") as temporary:
             rows = [f"{step},{t:g},{v:.9g}" for step, c in self._history for t, v in _rows(c)]
             temporary.write_text("\n".join(["step,time,volume", *rows, ""]))
-        self._write_and_log(trainer, pl_module.morph, *self._history[-1])
+        self._show(trainer, pl_module.morph, *self._history[-1])
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Show the curve of the best step."""
@@ -56,15 +57,10 @@ class VolumeCurveLog(MorphWriter):
             return
         best = [(step, curve) for step, curve in self._history if step == checkpoints.best_step]
         if isinstance(pl_module, MorphTask) and best and checkpoints.best_step != self._history[-1][0]:
-            self._write_and_log(trainer, pl_module.morph, *best[-1])
+            self._show(trainer, pl_module.morph, *best[-1])
 
-    def _write_and_log(self, trainer: L.Trainer, morph: Morph, step: int, curve: VolumeCurve) -> None:
-        self.write(morph, curve, f"step {step}")
-        log_picture(trainer, "volume", self._picture)
-
-    @property
-    def _picture(self) -> Path:
-        return self.folder / "volume.png"
+    def _show(self, trainer: L.Trainer, morph: Morph, step: int, curve: VolumeCurve) -> None:
+        self.write(morph, curve, f"step {step}", Trackers.of(trainer))
 
     def state_dict(self) -> dict[str, Any]:
         """Return the curves so far, with which a resumed run continues."""
@@ -73,21 +69,6 @@ class VolumeCurveLog(MorphWriter):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Restore the curves so far."""
         self._history = [(step, VolumeCurve(times, volumes)) for step, times, volumes in state_dict["history"]]
-
-
-def log_picture(trainer: L.Trainer, name: str, picture: Path) -> None:
-    """Log a picture to every logger that takes images."""
-    for logger in trainer.loggers:
-        if isinstance(logger, WandbLogger):
-            logger.log_image(key=name, images=[str(picture)], step=trainer.global_step)
-        elif isinstance(logger, TensorBoardLogger):
-            logger.experiment.add_image(name, _pixels(picture), trainer.global_step, dataformats="HWC")
-
-
-def _pixels(picture: Path) -> Tensor:
-    from matplotlib.image import imread
-
-    return torch.from_numpy(imread(picture)[..., :3].copy())
 
 
 def _rows(curve: VolumeCurve) -> list[tuple[float, float]]:

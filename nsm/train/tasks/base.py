@@ -55,8 +55,9 @@ class FieldTask(L.LightningModule):
         """Compute the loss, and keep it and its terms in ``latest``."""
         evaluation = self.evaluation(batch)
         total, terms = self.loss(evaluation)
-        if not torch.isfinite(total):
-            broken = [name for name, value in terms.items() if not torch.isfinite(value)]
+        # processes that train together step back together
+        if not self.trainer.strategy.reduce_boolean_decision(bool(torch.isfinite(total))):
+            broken = [name for name, value in terms.items() if not torch.isfinite(value)] or ["of another process"]
             raise Collapse(f"the loss {', '.join(broken)} is not finite at step {self.global_step}")
         self.latest = {f"train/{name}": value for name, value in terms.items()} | {"train/loss": total.detach()}
         self.learn_from(evaluation)

@@ -1,7 +1,7 @@
-"""``python -m nsm.compare.child MODULE ARGUMENTS``: a command that does not outlive the process that started it.
+"""``python -m nsm.cli.child MODULE ARGUMENTS``: a command that does not outlive the process that started it.
 
 Standard input is a pipe that the parent holds open and never writes to. When it closes, the parent is gone and the
-child exits at once, so that no two processes write into one folder if the study is started again.
+child exits at once, so that no two processes write into one folder if the parent is started again.
 """
 
 from __future__ import annotations
@@ -10,6 +10,9 @@ import os
 import runpy
 import sys
 import threading
+
+#: Name of this module, which follows ``python -m``.
+MODULE = "nsm.cli.child"
 
 
 def _leave_when_closed() -> None:
