@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SMALL = (
     "+study=figure2",
     "methods=[adadiv,free]",
+    "learning_rates=null",
     "minutes=null",
     "steps=3",
     "threads=1",

@@ -68,6 +68,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str
     yield (
         "+study=figure2",
         "methods=[free]",
+        "learning_rates=null",
         f"seeds={list(range(RUNS))}",
         "minutes=null",
         f"steps={STEPS}",
