@@ -117,7 +117,9 @@ def _require_all_faces(file: Path) -> None:
             if line.startswith(b"v "):
                 vertices += 1
             elif line.startswith(b"f "):
-                indices = [int(corner.split(b"/")[0] or 0) for corner in line.split()[1:]]
+                indices = [int(corner.split(b"/")[0]) for corner in line.split()[1:]]
+                if 0 in indices:
+                    raise ValueError("a face has the vertex 0, but vertices are counted from 1")
                 used.update(i if i > 0 else vertices + 1 + i for i in indices)
     ended = line.endswith(b"\n")
     if vertices - len(used) > _MAX_UNUSED_VERTICES[ended] * vertices:

@@ -80,7 +80,7 @@ def read_layers(file: Path, inputs: Collection[int] = (2, 3), outputs: int = 1) 
         InputError: If the file is not a state dict of a sine network of constant width with these inputs and outputs.
     """
     state = load_torch(file, "a state dict written by torch.save", "`path=official/ni/kitten.pth`")
-    if not state or not is_state_dict(state):
+    if not is_state_dict(state) or not state:
         raise InputError(
             f"`{file}` must be a state dict of tensors by name, got {type(state).__name__}. Try "
             "`path=official/ni/kitten.pth`."

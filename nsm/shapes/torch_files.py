@@ -67,7 +67,11 @@ def _require_sound(file: Path) -> int:
     size = file.stat().st_size
     if zipfile.is_zipfile(file):
         with zipfile.ZipFile(file) as archive:
-            size = sum(part.file_size for part in archive.infolist())
+            parts = archive.infolist()
+            size = sum(part.file_size for part in parts)
+            # of a part that is marked as a folder, or has another size, torch returns memory that nothing was read into
+            if odd := [p for p in parts if p.external_attr or p.compress_type or p.file_size != p.compress_size]:
+                raise ValueError(f"the header of {odd[0].filename} is not as torch writes it, so the file is damaged")
             if size <= MAX_BYTES and (damaged := archive.testzip()) is not None:
                 raise ValueError(f"the checksum of {damaged} is wrong, so the file is damaged")
     if size > MAX_BYTES:
