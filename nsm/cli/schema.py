@@ -102,7 +102,7 @@ _RULES: dict[str, dict[str, Check]] = {
         "view": partial(numbers, lengths=(3,), example="[0.55,0.45,1]"),
         "up": partial(numbers, lengths=(3,), example="[0,1,0]"),
         "zoom": partial(between, low=0, high=1e3, example=1.0),
-        "size": either(_pixels, partial(numbers, lengths=(2,), example="[1920,1080]")),
+        "size": either(partial(whole_number, most=_MOST_PIXELS), partial(numbers, lengths=(2,), example="[1920,1080]")),
         "hold": partial(at_least, least=0, example=0.5),
         "back": switch,
         "turns": number,

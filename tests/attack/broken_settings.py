@@ -25,7 +25,8 @@ GOOD: dict[str, str] = {
     "0": r".*\.(weight|alpha|weight_decay|floor|warmup|start|stop|decay|fraction|own|visitors|surface|ambient|label)"
     r"|seed|sdf\.seed|slices\.changes|.*offset|turns|level|hold|velocity\.scale|trainer\.(max_epochs|num_sanity_val_steps)"
     r"|.*pose\.rotation",
-    "null": r".*\.(pose|pose\.rotation|pose\.translation|up|fit|label|spacing|threshold|first_omega)|threads|callbacks\.strip\.times"
+    "null": r".*\.(pose|pose\.rotation|pose\.translation|up|fit|label|spacing|threshold|first_omega)|threads"
+    r"|callbacks\.strip\.times"
     r"|source\.omega|target\.omega|landmarks\.\w+_vertices|trainer\.(check_val_every_n_epoch|gradient_clip_val)"
     r"|checkpoint|official|output|format|advect|mesh|port|record|growth\.(source|target|_target_)|.*_target_"
     r"|compare:(steps|minutes|learning_rates)",

@@ -142,7 +142,7 @@ def test_what_is_no_checkpoint(ailment: str, tmp_path: Path, capfd: pytest.Captu
         (("format=ply",), "one of obj, nrrd, vti, interior, safetensors, pt2, onnx for a morph in 2D, got ply"),
         (("format=glb",), "for a morph in 2D, got glb. Try `format=obj`"),
         (("exact_volume=yes",), "`exact_volume` must be true or false, got yes"),
-        (("seconds=0",), "`seconds` must be positive and finite, got 0"),
+        (("seconds=0",), "`seconds` must be a number between 0 and 86400, got 0"),
         (("advect=true",), "must have a velocity to advect a surface"),
         (("advect=true", "exact_volume=true"), "`exact_volume=true` must come without `advect=true`"),
         (("mesh=ball.ply",), "Try `advect=true mesh=ball.ply`"),

@@ -104,7 +104,7 @@ def test_settings_reach_the_reader_that_takes_them(tmp_path: Path) -> None:
 def test_published_networks_and_the_folders_of_runs_are_shapes(data_dir: Path, tmp_path: Path) -> None:
     published = read_shape("official/ni/kitten.pth", up=[0, 0, 1])
     assert isinstance(published, SirenFile)
-    assert train_here(*STILL, f"hydra.run.dir={tmp_path}", "steps=5") == 0
+    assert train_here(*STILL, f"hydra.run.dir={tmp_path}", "sdf.steps=5") == 0
     x = torch.rand(9, 2)
     fitted = read_shape(tmp_path)
     assert isinstance(fitted, SirenShape)

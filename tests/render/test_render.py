@@ -156,7 +156,7 @@ def test_a_turntable_by_command(run: Path) -> None:
         (["times=[0,2]"], "`times` must be a number of times or a list of times from 0 to 1, got [0, 2]"),
         (["times=none"], "`times` must be a number of times or a list of times from 0 to 1, got none"),
         (["size=3"], "`size` must be an integer of at least 16, got 3"),
-        (["zoom=much"], "`zoom` must be a finite number, got much"),
+        (["zoom=much"], "`zoom` must be a number between 0 and 1000, got much"),
         (["kind=film", "size=12"], "`size` must be a list of numbers, got 12"),
         (["kind=film", "fps=fast"], "`fps` must be a positive integer, got fast"),
         (["kind=turntable"], "must be given a morph in 3D"),
