@@ -7,6 +7,7 @@ from functools import partial
 from nsm.cli import settings
 from nsm.cli.checks import (
     Check,
+    any_list,
     any_text,
     betas,
     devices,
@@ -191,6 +192,8 @@ TRAINING: dict[str, Check] = {
     "logger.*.version": any_text,
     "logger.*.name": any_text,
     "logger.wandb.project": text,
+    "logger.wandb.group": optional(text),
+    "logger.wandb.tags": any_list,
     "logger.wandb.offline": switch,
     "logger.*": section,
     "callbacks.*": section,

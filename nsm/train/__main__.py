@@ -39,7 +39,7 @@ from nsm.train.callbacks import (
     closing,
     opened,
 )
-from nsm.train.consistency import require_consistent, require_losses, require_wandb_key
+from nsm.train.consistency import require_consistent, require_losses
 from nsm.train.optimal_transport import transport_run
 from nsm.train.processes import processes_to_start, training_together
 from nsm.train.recovery import fit_with_recovery, require_same_run
@@ -67,7 +67,6 @@ def main(cfg: DictConfig) -> None:
     }
     hydra = HydraConfig.get()
     require_consistent(cfg, hydra.runtime.choices, hydra.overrides.task)
-    require_wandb_key(cfg.logger)
     if cfg.resume:
         require_same_run(_last(folder), config)
     if not _names_shapes(hydra.overrides.task):

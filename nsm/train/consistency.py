@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -33,8 +32,6 @@ _UNREAD: dict[str, dict[str, str]] = {
 }  # fmt: skip
 #: Groups whose files change other parts, by which they are judged.
 _PATCHES = ("ablation",)
-#: Modes of wandb that need no key.
-_WITHOUT_KEY = ("offline", "disabled", "dryrun")
 #: Points at which the losses are evaluated once: on the end shapes, around them, and between them.
 _POINTS = 8
 
@@ -136,32 +133,6 @@ def require_losses(loss: WeightedSum, config: Mapping[str, Any], init: FieldInit
         points = torch.cat([space, times[:, None].to(space)], 1)
         batch = Batch(points, torch.cat([torch.zeros(_POINTS), ball(space[_POINTS : 2 * _POINTS])]), normals)
         loss(BatchEvaluation(batch, field, velocity, landmarks, 1.0, keys))
-
-
-def require_wandb_key(loggers: Mapping[str, Any]) -> None:
-    """Require that a run which logs to Weights & Biases is logged in, before anything is computed.
-
-    Args:
-        loggers: Configuration of the loggers by name.
-
-    Raises:
-        InputError: If there is neither a key of the service nor ``offline=true``.
-    """
-    wandb_logger = loggers.get("wandb")
-    if wandb_logger is None or wandb_logger.get("offline") or os.environ.get("WANDB_MODE") in _WITHOUT_KEY:
-        return
-    if not logged_in():
-        raise InputError(
-            "`logger=wandb` must run with a key of Weights & Biases, got none. Try `wandb login`, or "
-            "`logger.wandb.offline=true`."
-        )
-
-
-def logged_in() -> bool:
-    """Whether there is a key of Weights & Biases on this machine."""
-    import wandb  # not above, as few runs need it
-
-    return bool(wandb.api.api_key)
 
 
 def _require_method(choices: Mapping[str, str]) -> None:

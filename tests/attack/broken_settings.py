@@ -26,15 +26,15 @@ GOOD: dict[str, str] = {
     r"|seed|sdf\.seed|slices\.changes|.*offset|turns|level|hold|velocity\.scale|trainer\.(max_epochs|num_sanity_val_steps)"
     r"|.*pose\.rotation",
     "null": r".*\.(pose|pose\.rotation|pose\.translation|up|fit|label|spacing|threshold|first_omega)|threads"
-    r"|callbacks\.strip\.times"
+    r"|callbacks\.strip\.times|logger\.wandb\.group"
     r"|source\.omega|target\.omega|landmarks\.\w+_vertices|trainer\.(check_val_every_n_epoch|gradient_clip_val)"
     r"|checkpoint|official|output|format|advect|mesh|port|record|growth\.(source|target|_target_)|.*_target_"
     r"|compare:(steps|minutes|learning_rates)",
     "''": r"logger\.\w+\.(name|version)",
-    "[]": r"compare:(overrides|pairs|methods)|timing\.pairs",
+    "[]": r"compare:(overrides|pairs|methods)|timing\.pairs|logger\.wandb\.tags",
     "true": r"equal_volume|resume|exact_volume|advect|project|back|open_browser|official|retry|.*_partial_"
     r"|trainer\.enable_model_summary|logger\.wandb\.offline",
-    "foo": r"(train|compare):name|.*\.(path|folder|save_dir|name|version|source_mesh|target_mesh|project)|strategy"
+    "foo": r"(train|compare):name|.*\.(path|folder|save_dir|name|version|source_mesh|target_mesh|project|group)"
     r"|trainer\.strategy|checkpoint|official|output|format|mesh|color|host|record",
 }
 

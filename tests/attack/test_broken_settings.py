@@ -18,7 +18,6 @@ from nsm.cli.errors import InputError
 from nsm.cli.explain import explain, require_settings
 from nsm.cli.validation import validate
 from nsm.train import __main__ as train
-from nsm.train import consistency
 
 #: Combinations that would do something else than they say.
 COMBINATIONS = [
@@ -95,7 +94,6 @@ def untrained(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(train, "transport_run", lambda *given: _begin(lambda: None))
     monkeypatch.setattr(train, "use_threads", lambda config: None)
     monkeypatch.delenv("NSM_DATA_DIR", raising=False)
-    monkeypatch.delenv("WANDB_API_KEY", raising=False)
 
 
 def verdict(command: str, overrides: list[str], setting: str | None = None) -> str:
@@ -160,11 +158,3 @@ def test_a_combination_that_does_something_else_is_refused(typed: list[str], tal
         said = verdict("train", [*disks, *SMALL, *typed])
         assert " must " in said, said
         assert ". Try " in said, said
-
-
-def test_a_run_without_a_key_of_wandb_is_refused_before_it_begins(
-    tally: Tally, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(consistency, "logged_in", lambda: False)
-    with tally.attack("combinations of settings that contradict each other"):
-        assert "`logger=wandb` must" in verdict("train", [*SMALL, "logger=wandb"])

@@ -299,7 +299,7 @@ def test_the_command_without_a_morph_waits_for_files(tmp_path: Path, capsys: pyt
 
 @pytest.mark.parametrize(("override", "words"), [
     ("upload=0", "`upload` must be a positive integer, got 0"),
-    ("train=steps", "`train` must be a list of settings of training, got steps"),
+    ("train=steps", "`train` must be a list, got steps"),
     ("train=[3]", "`train` must be a list of settings of training, got [3]"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(capsys: pytest.CaptureFixture[str], override: str, words: str) -> None:
