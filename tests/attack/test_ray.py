@@ -22,6 +22,7 @@ SMALL = (
     "+study=figure2",
     "methods=[adadiv,free]",
     "learning_rates=null",
+    "seeds=[0]",
     "minutes=null",
     "steps=3",
     "threads=1",
