@@ -6,9 +6,12 @@ import logging
 import os
 import signal
 import sys
+import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial, wraps
+from types import FrameType
 
 import hydra
 from hydra.errors import HydraException
@@ -20,6 +23,7 @@ from rich.markup import escape
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.cli.explain import explain, require_settings
+from nsm.cli.files import DISK_ERRORS
 from nsm.cli.help import command_help
 from nsm.cli.validation import validate
 
@@ -60,7 +64,8 @@ def run(main: Callable[[DictConfig], None], command: str) -> None:
         require_settings(arguments, command)
         if not {"-m", "--multirun"} & set(arguments):
             sys.argv[1:] = [_as_list(argument) for argument in arguments]
-        hydra.main(config_path=str(CONF), config_name=command, version_base="1.3")(guarded)()
+        with _cleaning_up_when_terminated():
+            hydra.main(config_path=str(CONF), config_name=command, version_base="1.3")(guarded)()
     except Exception as error:
         refused.append(report(error))
     except KeyboardInterrupt:
@@ -78,7 +83,8 @@ def run_plain(main: Callable[[list[str]], None], command: str) -> None:
     """
     _silence_lightning()
     try:
-        main(sys.argv[1:])
+        with _cleaning_up_when_terminated():
+            main(sys.argv[1:])
     except Exception as error:
         _report(error, sys.argv[1:], command)
         sys.exit(REFUSED)
@@ -112,11 +118,40 @@ def _sentence(error: BaseException, arguments: Sequence[str], command: str) -> s
     if isinstance(error, (HydraException, OmegaConfBaseException)):
         return explain(error, arguments, command)
     if isinstance(error, OSError) and error.filename is not None:
+        instead = "another folder with `hydra.run.dir=FOLDER`" if command == "train" else "another path"
+        return f"`{error.filename}` must be readable and writable, got: {error.strerror}. Try {instead}."
+    if full := _disk_error(error):
         return (
-            f"`{error.filename}` must be readable and writable, got: {error.strerror}. "
-            "Try another folder with `hydra.run.dir=FOLDER`."
+            f"`nsm {command}` must be able to write its files, got: {full.strerror}. Try to free space on the disk, or "
+            "another folder."
         )
     return None
+
+
+def _disk_error(error: BaseException | None) -> OSError | None:
+    """The error of a full or broken disk from which an error comes, if any."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in DISK_ERRORS:
+            return error
+        error = error.__cause__ or error.__context__
+    return None
+
+
+@contextmanager
+def _cleaning_up_when_terminated() -> Iterator[None]:
+    """Let SIGTERM end the process as an exception, so that temporary files are removed."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _silence_lightning() -> None:

@@ -17,6 +17,7 @@ from hydra.types import HydraContext, RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from nsm.cli import entry
+from nsm.cli.locks import only_writer_of_folder
 from nsm.cli.overrides import literal
 from nsm.cli.progress import Progress
 from nsm.cli.settings import whole_number
@@ -36,6 +37,11 @@ def main(cfg: DictConfig) -> None:
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     study = read_study(config)
     whole_number("picture_size", config["picture_size"], 16)
+    with only_writer_of_folder(study.folder):
+        _carry_out(config, study)
+
+
+def _carry_out(config: dict[str, Any], study: Study) -> None:
     # all of them, so that an invalid one stops the study before it begins
     trained = {(job.pair, job.method): _trained(job) for job in jobs(study) if job.seed == study.seeds[0]}
     tries = trials(study, [choice for choice, steps in trained.items() if steps])

@@ -21,6 +21,7 @@ from nsm.compare.choices import OFFICIAL, Choice
 from nsm.compare.logs import last_terms, read_course
 from nsm.compare.plan import Job, Study, official_pair
 from nsm.compare.record import DONE, FAILED, read_record
+from nsm.io.checkpoint import readable_checkpoint
 from nsm.io.loading import PUBLISHED, LoadedMorph, load_published, load_run
 from nsm.metrics import Protocol, all_metrics, evaluate_morph
 from nsm.types import Morph
@@ -95,11 +96,12 @@ def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
         retry = "; try it again with `retry=true`" if state == FAILED else ""
         unfinished = f"the run is {state}; repeat the command to resume it"
         return replace(bare, reason=record.reason + retry if record and record.reason else unfinished)
-    file = job.checkpoint
     timed = _timed(bare, job.folder)
-    bare = replace(timed, steps=record.steps, checkpoint=str(file))
-    bare = replace(bare, terms=last_terms(job.folder), course=read_course(job.folder))
+    bare = replace(timed, steps=record.steps, terms=last_terms(job.folder), course=read_course(job.folder))
     try:
+        names = sorted(("best", "last"), key=lambda name: name != job.checkpoint.stem)
+        file = readable_checkpoint(job.checkpoint.parent, names) or job.checkpoint
+        bare = replace(bare, checkpoint=str(file))
         key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends, "growth": job.growth}
         load = partial(load_run, job.name, file, study.ends, _growth(job.growth))
         return _evaluated(bare, job.folder, key, load, study.protocol, progress)
@@ -134,7 +136,7 @@ def _evaluated(
     names = hashlib.sha256("\n".join(metric.name for metric in all_metrics()).encode()).hexdigest()
     key = key | {"protocol": protocol.describe(), "version": nsm.__version__, "figures": names}
     file = folder / "evaluation.json"
-    kept = json.loads(file.read_text()) if file.is_file() else {}
+    kept = _kept(file)
     if kept.get("key") != key:
         loaded = load()
         name = f"{bare.pair}/{bare.method}"
@@ -163,6 +165,14 @@ def _growth(name: str) -> dict[str, Any]:
     """Configuration of a change of volume."""
     config: Any = OmegaConf.to_container(OmegaConf.load(CONF / "growth" / f"{name}.yaml"))
     return dict(config)
+
+
+def _kept(file: Path) -> dict[str, Any]:
+    """Read an evaluation; one that is missing or was cut is made again."""
+    try:
+        return dict(json.loads(file.read_text()))
+    except (FileNotFoundError, ValueError):
+        return {}
 
 
 def _timed(bare: Result, folder: Path) -> Result:

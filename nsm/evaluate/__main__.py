@@ -10,6 +10,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
+from nsm.cli.locks import only_writer_of_folder
 from nsm.cli.progress import Progress
 from nsm.cli.settings import moments, number, positive, use_threads, whole_number
 from nsm.evaluate.tables import print_table
@@ -42,7 +43,7 @@ def main(cfg: DictConfig) -> None:
     for morphs in by_dim.values():
         require_slices(morphs, times, plane, "slices.")
     folder = Path(config["output"]) if config["output"] else output_folder(named, "evaluation")
-    with Progress() as progress:
+    with only_writer_of_folder(folder), Progress() as progress:
         results = {column.name: _measure(column, protocol, progress) for column in columns}
         files = write_evaluations(folder, {column.name: column.origin for column in columns}, results, protocol)
         progress.stage("drawing", total=_PICTURES * len(by_dim))

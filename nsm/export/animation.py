@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import shutil
 from abc import abstractmethod
@@ -13,6 +14,7 @@ import torch
 
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
+from nsm.cli.locks import only_writer_of_file
 from nsm.export.manifest import Manifest, write_records
 from nsm.export.request import Format, Request, one_file
 from nsm.export.sequence import settings_of, summarize, write_frames
@@ -48,6 +50,12 @@ class Animation(Format):
     def export(self, request: Request) -> Path:
         playing_times(request.times, request.seconds)  # fails before frames are computed in vain
         path = one_file(request.output, self.suffixes)
+        with only_writer_of_file(path):
+            self._export(request, path)
+        log.info("wrote %d frames to %s (%.1f MB)", len(request.times), path, path.stat().st_size / 1e6)
+        return path
+
+    def _export(self, request: Request, path: Path) -> None:
         parts = path.parent / f".{path.name}.parts"
         surfaces = surfaces_of(request)
         manifest = _resumed(parts, settings_of(request, path.suffix))
@@ -60,8 +68,6 @@ class Animation(Format):
         write_records(path.with_name(f"{path.name}.json"), manifest.settings, manifest.records)
         shutil.rmtree(parts)
         summarize(manifest, request)
-        log.info("wrote %d frames to %s (%.1f MB)", len(request.times), path, path.stat().st_size / 1e6)
-        return path
 
 
 def _resumed(parts: Path, settings: dict[str, object]) -> Manifest:
@@ -75,13 +81,15 @@ def _resumed(parts: Path, settings: dict[str, object]) -> Manifest:
 
 
 def _write_part(path: Path, frame: Frame, attributes: Attributes) -> None:
+    data = io.BytesIO()
+    np.savez(
+        data,
+        vertices=frame.mesh.vertices.cpu().numpy(),
+        simplices=frame.mesh.simplices.cpu().numpy(),
+        normals=frame.normals.cpu().numpy(),
+    )
     with whole_file(path) as temporary:
-        np.savez(
-            temporary,
-            vertices=frame.mesh.vertices.cpu().numpy(),
-            simplices=frame.mesh.simplices.cpu().numpy(),
-            normals=frame.normals.cpu().numpy(),
-        )
+        temporary.write_bytes(data.getbuffer())
 
 
 def _read_parts(manifest: Manifest) -> Iterator[Frame]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 from collections.abc import Mapping
 from pathlib import Path
@@ -43,16 +44,18 @@ def write_correspondences(
     suffix = "ply" if source.vertices.shape[1] == 3 else "obj"
     for name, mesh in (("source", source), ("target", target)):
         write_mesh(folder / f"{name}.{suffix}", mesh, attributes=Attributes(colors=colors))
+    data = io.BytesIO()
+    np.savez_compressed(
+        data,
+        source_points=source.vertices.cpu().numpy(),
+        target_points=target.vertices.cpu().numpy(),
+        distances=distances.cpu().numpy(),
+        simplices=source.simplices.cpu().numpy(),
+        source_in_file=in_files["source"].cpu().numpy(),
+        target_in_file=in_files["target"].cpu().numpy(),
+    )
     with whole_file(folder / "correspondences.npz") as temporary:
-        np.savez_compressed(
-            temporary,
-            source_points=source.vertices.cpu().numpy(),
-            target_points=target.vertices.cpu().numpy(),
-            distances=distances.cpu().numpy(),
-            simplices=source.simplices.cpu().numpy(),
-            source_in_file=in_files["source"].cpu().numpy(),
-            target_in_file=in_files["target"].cpu().numpy(),
-        )
+        temporary.write_bytes(data.getbuffer())
     log.info(
         "wrote correspondences.npz, source.%s, and target.%s to %s (distance between advected vertices and the target: "
         "mean %.2g, maximum %.2g)",

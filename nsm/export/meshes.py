@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+from nsm.cli.locks import only_writer_of_folder
 from nsm.export.manifest import Manifest
 from nsm.export.request import Format, Request
 from nsm.export.sequence import settings_of, summarize, write_frames
@@ -28,6 +29,10 @@ class Meshes(Format):
         self.suffix, self.dims = suffix, dims
 
     def export(self, request: Request) -> Path:
+        with only_writer_of_folder(request.output):
+            return self._export(request)
+
+    def _export(self, request: Request) -> Path:
         surfaces = surfaces_of(request)
         manifest = Manifest(request.output, settings_of(request, self.suffix), f"frame_*.{self.suffix}")
         before = len(manifest.records)

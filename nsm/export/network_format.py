@@ -9,6 +9,7 @@ from pathlib import Path
 import torch
 
 from nsm.cli.errors import InputError
+from nsm.cli.locks import only_writer_of_file
 from nsm.export.request import Format, Request, one_file, refuse_surface_settings
 from nsm.types import Morph, Networks
 
@@ -46,7 +47,8 @@ class NetworkFormat(Format):
                 f"{request.coordinates}. Try `coordinates=morph`."
             )
         path = one_file(request.output, (f".{self.name}",))
-        self.write(path, request.morph)
+        with only_writer_of_file(path):
+            self.write(path, request.morph)
         log.info("wrote the fields to %s (%.1f MB)", path, path.stat().st_size / 1e6)
         return path
 

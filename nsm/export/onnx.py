@@ -47,7 +47,7 @@ def write_onnx(path: Path | str, morph: Morph) -> None:
     assert model is not None  # guaranteed by dynamo=True
     model.model.metadata_props[DESCRIPTION] = json.dumps(described)
     with whole_file(path) as temporary:
-        model.save(temporary)
+        temporary.write_bytes(model.model_proto.SerializeToString())
 
 
 @contextmanager

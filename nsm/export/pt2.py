@@ -6,6 +6,7 @@ References:
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -28,5 +29,7 @@ def write_pt2(path: Path | str, morph: Morph) -> None:
     """
     networks = morph.networks()
     program = traced(networks)
+    data = io.BytesIO()  # torch would abort the process on a full disk
+    torch.export.save(program, data, extra_files={DESCRIPTION: json.dumps(networks.description)})
     with whole_file(path) as temporary:
-        torch.export.save(program, temporary, extra_files={DESCRIPTION: json.dumps(networks.description)})
+        temporary.write_bytes(data.getbuffer())

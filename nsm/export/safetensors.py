@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
@@ -44,4 +44,4 @@ def write_safetensors(path: Path | str, morph: Morph) -> None:
             f"safetensors. Try `format=onnx`{instead}."
         )
     with whole_file(path) as temporary:
-        save_file(networks.weights, temporary, metadata={DESCRIPTION: json.dumps(networks.description)})
+        temporary.write_bytes(save(networks.weights, metadata={DESCRIPTION: json.dumps(networks.description)}))

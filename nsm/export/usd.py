@@ -6,6 +6,7 @@ References:
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -131,7 +132,7 @@ def _stage(
 ) -> Iterator[tuple[UsdGeom.Mesh, list[Usd.TimeCode]]]:
     """Provide an empty mesh on a stage and the time codes of the frames; the stage is written if the block succeeds."""
     require("pxr", extra="usd", task="A USD file")
-    from pxr import Usd, UsdGeom, UsdUtils
+    from pxr import Tf, Usd, UsdGeom, UsdUtils
 
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -153,13 +154,17 @@ def _stage(
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     yield mesh, [Usd.TimeCode(moment) for moment in moments]
     with whole_file(path) as temporary:
-        if path.suffix.lower() != ".usdz":
-            stage.GetRootLayer().Export(str(temporary))
-            return
-        with whole_file(temporary.with_suffix(".usdc")) as layer:
+        layer = temporary.with_suffix(".usdc") if path.suffix.lower() == ".usdz" else temporary
+        try:
             stage.GetRootLayer().Export(str(layer))
-            UsdUtils.CreateNewUsdzPackage(str(layer), str(temporary))
-        temporary.with_suffix(".usdc").unlink()
+            if layer != temporary:
+                UsdUtils.CreateNewUsdzPackage(str(layer), str(temporary))
+                zipfile.ZipFile(temporary).testzip()  # USD does not notice when the disk is full
+        except (Tf.ErrorException, zipfile.BadZipFile) as error:
+            raise InputError(
+                f"`{path}` must fit on its disk, got an error of USD on writing. Try to free space there, or another "
+                "folder."
+            ) from error
 
 
 def _set_faces(mesh: UsdGeom.Mesh, frame: Frame, *code: Usd.TimeCode) -> None:

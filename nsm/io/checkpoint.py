@@ -15,9 +15,11 @@ code, and `nsm.io.build` accepts classes of this package only.
 
 from __future__ import annotations
 
+import io
+import logging
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,8 @@ from nsm.shapes.similarity import Pose
 from nsm.shapes.simplices import SimplexShape
 from nsm.shapes.torch_files import is_state_dict, load_torch
 from nsm.types import Morph
+
+log = logging.getLogger(__name__)
 
 FORMAT = 2
 #: Sizes up to which a model may be built that has fewer weights, such as one between two formulas.
@@ -73,8 +77,23 @@ def write_checkpoint(path: Path, entry: Mapping[str, Any], state_dict: Mapping[s
     Raises:
         InputError: If the file cannot be written.
     """
+    write_content(path, {ENTRY: dict(entry), "state_dict": dict(state_dict)})
+
+
+def write_content(path: Path, content: Mapping[str, Any]) -> None:
+    """Write what `read_checkpoint` returns, whole or not at all.
+
+    Args:
+        path: File to write.
+        content: The dictionary of a checkpoint.
+
+    Raises:
+        InputError: If the file cannot be written.
+    """
+    data = io.BytesIO()
+    torch.save(dict(content), data)  # into memory, since torch reports a full disk as an error of its own
     with whole_file(path) as temporary:
-        torch.save({ENTRY: dict(entry), "state_dict": dict(state_dict)}, temporary)
+        temporary.write_bytes(data.getbuffer())
 
 
 def save_morph(path: Path, morph: nn.Module, entry: Mapping[str, Any]) -> None:
@@ -135,26 +154,56 @@ def find_checkpoint(path: str | os.PathLike[str]) -> Path:
         path: Checkpoint, or folder of a run.
 
     Returns:
-        The checkpoint itself, or the best one of the run, or its last one if there is no best one.
+        The checkpoint itself, or the best one of the run, or its last one if there is no best one that can be read.
 
     Raises:
-        InputError: If there is no such file.
+        InputError: If there is no such file, or the folder holds only checkpoints that cannot be read.
     """
     path = Path(path)
     if path.is_dir():
-        found = [f for name in ("best", "last") if (f := path / "checkpoints" / f"{name}.ckpt").is_file()]
-        if not found:
+        found = readable_checkpoint(path / "checkpoints", ("best", "last"))
+        if found is None:
             raise InputError(
                 f"`checkpoint` must be a checkpoint or the folder of a run, got {path}, which has no "
                 "checkpoints/best.ckpt. Try the folder of a finished run."
             )
-        return found[0]
+        return found
     if not path.is_file():
         raise InputError(
             f"`checkpoint` must be an existing file or folder, got {path}. Try the folder of a run, such as "
             "`checkpoint=outputs/demo`."
         )
     return path
+
+
+def readable_checkpoint(folder: Path, names: Sequence[str]) -> Path | None:
+    """Find the first checkpoint of a run that can be read; a warning names those that cannot.
+
+    Args:
+        folder: Folder of the checkpoints.
+        names: Names without the suffix, the preferred one first.
+
+    Returns:
+        The file, or None if there is none.
+
+    Raises:
+        InputError: If there are some, and none of them can be read.
+    """
+    unreadable: InputError | None = None
+    for file in (folder / f"{name}.ckpt" for name in names):
+        if not file.is_file():
+            continue
+        try:
+            read_checkpoint(file)
+        except InputError as error:
+            unreadable = unreadable or error
+            continue
+        if unreadable is not None:
+            log.warning("%s.ckpt in %s cannot be read, so %s is used", names[0], folder, file.name)
+        return file
+    if unreadable is not None:
+        raise unreadable
+    return None
 
 
 def read_checkpoint(file: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import tempfile
@@ -23,6 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.cli.files import whole_file
+from nsm.cli.locks import scratch_folder
 from nsm.cli.overrides import literal
 from nsm.cli.settings import invalid, nearest
 from nsm.cli.validation import validate
@@ -99,7 +101,7 @@ def morph(
         True
     """
     ends = known_ends(ends)
-    with tempfile.TemporaryDirectory(prefix="nsm-") as temporary:
+    with scratch_folder(Path(tempfile.gettempdir())) as temporary:
         folder = Path(temporary if output is None else output).resolve()
         names = [f"between.key{number}" for number in range(1, len(between) + 1)]
         places = dict(zip(["source", *names, "target"], [source, *between, target], strict=True))
@@ -125,8 +127,10 @@ def _shape(place: str, shape: ShapeLike, folder: Path) -> list[str]:
         return _from_file(place, "file", path.resolve() if path.exists() else shape)
     if isinstance(shape, trimesh.PointCloud | np.ndarray):
         points = folder / f"{place}.npy"
-        folder.mkdir(parents=True, exist_ok=True)
-        np.save(points, shape if isinstance(shape, np.ndarray) else np.asarray(shape.vertices))
+        data = io.BytesIO()
+        np.save(data, shape if isinstance(shape, np.ndarray) else np.asarray(shape.vertices))
+        with whole_file(points) as file:
+            file.write_bytes(data.getbuffer())
         return _from_file(place, "points", points)
     vertices, faces = (shape.vertices, shape.faces) if isinstance(shape, trimesh.Trimesh) else shape
     arrays = torch.as_tensor(np.asarray(vertices, dtype=np.float64)), torch.as_tensor(np.asarray(faces, dtype=np.int64))

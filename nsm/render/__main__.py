@@ -11,6 +11,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
+from nsm.cli.locks import only_writer_of_file
 from nsm.cli.progress import Progress
 from nsm.cli.settings import moment, moments, number, numbers, switch, use_threads, whole_number
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder, retimed
@@ -36,7 +37,7 @@ def main(cfg: DictConfig) -> None:
     draw, suffix = KINDS[kind]
     loaded = retimed(load_morphs(config, "nsm.render"), config["timing"])
     file = Path(config["output"]) if config["output"] else output_folder(loaded, "render") / f"{kind}{suffix}"
-    with Progress(f"drawing the {kind}", unit="pictures") as progress:
+    with only_writer_of_file(file), Progress(f"drawing the {kind}", unit="pictures") as progress:
         draw(file, loaded, config, progress.update)
     log.info("wrote %s", file)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import subprocess
 import zlib
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,8 +28,10 @@ SIZE = (1920, 1080)
 SUFFIXES = (".mp4", ".gif")
 #: Part of the height that the plot of the volume takes, and part that a caption takes.
 _TIMELINE, _CAPTION = 0.2, 0.06
-#: Constant rate factor of H.264: visually lossless.
-_RATE_FACTOR = "17"
+#: Options of ffmpeg for GIF, with a palette of the film's own colors.
+_GIF = ["-filter_complex", "split[a][b];[a]palettegen[p];[b][p]paletteuse=dither=sierra2_4a", "-loop", "0"]
+#: Options of ffmpeg for H.264, visually lossless, which plays before the whole file is there.
+_MP4 = ["-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", "17", "-preset", "slow", "-movflags", "+faststart"]
 #: Called after each frame with the number of frames done and their total.
 Progress = Callable[[int, int], object]
 
@@ -197,8 +200,7 @@ def _write(
     """Draw every distinct frame once, and pass all frames to ffmpeg."""
     repeated = {frame for frame, count in Counter(frames).items() if count > 1}
     kept: dict[FilmFrame, bytes] = {}
-    with whole_file(path) as temporary, closing(_ffmpeg(temporary, size, fps)) as film:
-        film.send(None)
+    with whole_file(path) as temporary, _encoder(path, temporary, size, fps) as encode:
         for number, frame in enumerate(frames):
             if frame in kept:
                 pixels = zlib.decompress(kept[frame])
@@ -206,28 +208,41 @@ def _write(
                 pixels = np.ascontiguousarray(draw(frame)).tobytes()
                 if frame in repeated:
                     kept[frame] = zlib.compress(pixels, 1)
-            film.send(pixels)
+            encode(pixels)
             progress(number + 1, len(frames))
 
 
-def _ffmpeg(path: Path, size: tuple[int, int], fps: int) -> Generator[None, bytes | None, None]:
-    """A generator that receives frames as RGB of 8 bits and encodes them."""
+@contextmanager
+def _encoder(path: Path, temporary: Path, size: tuple[int, int], fps: int) -> Iterator[Callable[[bytes], object]]:
+    """Provide a function that encodes one frame, given as RGB of 8 bits.
+
+    Args:
+        path: Name of the film in messages.
+        temporary: File to write.
+        size: Width and height in pixels.
+        fps: Frames per second.
+
+    Raises:
+        InputError: If ffmpeg could not write the film.
+    """
     import imageio_ffmpeg
 
-    common = {"size": size, "fps": fps, "quality": None, "macro_block_size": 1, "ffmpeg_log_level": "error"}
-    if path.suffix.lower() == ".gif":
-        palette = "split[a][b];[a]palettegen[p];[b][p]paletteuse=dither=sierra2_4a"
-        return imageio_ffmpeg.write_frames(
-            str(path),
-            codec="gif",
-            pix_fmt_out="pal8",
-            output_params=["-filter_complex", palette, "-loop", "0"],
-            **common,
-        )
-    settings = ["-crf", _RATE_FACTOR, "-preset", "slow", "-movflags", "+faststart"]
-    return imageio_ffmpeg.write_frames(
-        str(path), codec="libx264", pix_fmt_out="yuv420p", output_params=settings, **common
-    )
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", str(fps), "-i", "-", "-an"]
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-xerror", *raw]
+    command += _GIF if path.suffix.lower() == ".gif" else _MP4
+    film = subprocess.Popen([*command, str(temporary)], stdin=subprocess.PIPE, stderr=subprocess.PIPE, process_group=0)
+    assert film.stdin is not None
+    try:
+        with suppress(BrokenPipeError):  # ffmpeg says why it ended
+            yield film.stdin.write
+        _, said = film.communicate()
+    finally:
+        film.kill()
+        film.communicate()
+    if film.returncode:
+        last = said.decode(errors="replace").strip().rpartition("\n")[2]  # such as "[out#0/mp4 @ 0x55] No space left"
+        reason = last.rpartition("] ")[2] or f"status {film.returncode} of ffmpeg"
+        raise InputError(f"`{path}` must be writable, got: {reason}. Try to free space there, or another folder.")
 
 
 def _require_film(path: Path | str, morphs: Mapping[str, Morph], size: Sequence[int]) -> tuple[int, int]:

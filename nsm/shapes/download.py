@@ -12,7 +12,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
+from nsm.cli.cache import cache_folder, require_writable_cache, writing_to_cache
 from nsm.cli.errors import InputError
+from nsm.cli.files import DISK_ERRORS, whole_file
 
 log = logging.getLogger(__name__)
 
@@ -96,29 +98,38 @@ def resolve(path: str | os.PathLike[str]) -> Path:
 
 
 def _download(entry: Entry) -> Path:
+    target = cache_folder() / entry.path
+    if target.is_file():
+        if file_sha256(target) == entry.sha256:
+            return target
+        log.warning("The cached %s is damaged and is downloaded again.", target)
+    require_writable_cache()
+    log.info("downloading %s", entry.url)
+    with writing_to_cache(), whole_file(target) as temporary:
+        _retrieve(entry, temporary)
+    return target
+
+
+def _retrieve(entry: Entry, path: Path) -> None:
+    """Download a file and verify its checksum."""
     import pooch  # imported here because it is slow to import and rarely needed
 
-    cache_dir = pooch.os_cache("nsm")
     pooch.get_logger().setLevel(logging.WARNING)
-    target = Path(cache_dir) / entry.path
-    if not target.is_file():
-        log.info("downloading %s", entry.url)
+    path.unlink()
     try:
-        return Path(
-            pooch.retrieve(
-                entry.url,
-                known_hash=f"sha256:{entry.sha256}",
-                fname=target.name,
-                path=target.parent,
-                downloader=pooch.HTTPDownloader(timeout=TIMEOUT),
-            )
+        pooch.retrieve(
+            entry.url,
+            known_hash=f"sha256:{entry.sha256}",
+            fname=path.name,
+            path=path.parent,
+            downloader=pooch.HTTPDownloader(timeout=TIMEOUT),
         )
-    except (
-        OSError,
-        ValueError,
-    ) as error:  # errors of requests are OSErrors, and the checksum error of pooch is a ValueError
+    # errors of requests are OSErrors, and the checksum error of pooch is a ValueError
+    except (OSError, ValueError) as error:
+        if isinstance(error, OSError) and error.errno in DISK_ERRORS:
+            raise
         log.debug("download failed", exc_info=error)
         raise InputError(
             f"`{entry.path}` must be under NSM_DATA_DIR or downloadable, got {type(error).__name__} on download. Try "
             f"to download {entry.url} elsewhere, and save it as $NSM_DATA_DIR/{entry.path}."
-        ) from error
+        ) from None

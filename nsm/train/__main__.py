@@ -19,6 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
 from nsm.cli.errors import InputError
+from nsm.cli.locks import only_writer_of_folder
 from nsm.cli.runtime import keep_freed_memory
 from nsm.cli.settings import use_threads
 from nsm.fields import Mirror
@@ -36,13 +37,15 @@ from nsm.train.callbacks import (
     Rewind,
     StopOnSignal,
     Trackers,
+    TrainingClock,
     closing,
     opened,
 )
+from nsm.train.checkpoint_files import WholeCheckpoints
 from nsm.train.consistency import require_consistent, require_losses
 from nsm.train.optimal_transport import transport_run
 from nsm.train.processes import processes_to_start, training_together
-from nsm.train.recovery import fit_with_recovery, require_same_run
+from nsm.train.recovery import begun_checkpoint, fit_with_recovery, is_finished, is_first_process, write_results
 from nsm.train.summary import Summary
 from nsm.train.tasks import FieldData, FieldTask, Keys, MorphTask, SdfFit, draw_pools, prepare_keys, starting_network
 
@@ -67,8 +70,20 @@ def main(cfg: DictConfig) -> None:
     }
     hydra = HydraConfig.get()
     require_consistent(cfg, hydra.runtime.choices, hydra.overrides.task)
-    if cfg.resume:
-        require_same_run(_last(folder), config)
+    if not is_first_process():  # another process of the same run, for another device
+        _run(kinds[cfg.task.kind], cfg, config, folder)
+        return
+    with only_writer_of_folder(folder):
+        _run(kinds[cfg.task.kind], cfg, config, folder)
+
+
+def _run(
+    kind: Callable[[DictConfig, dict[str, Any], Path], Summary | None],
+    cfg: DictConfig,
+    config: dict[str, Any],
+    folder: Path,
+) -> None:
+    hydra = HydraConfig.get()
     if not _names_shapes(hydra.overrides.task):
         ends = [hydra.runtime.choices[f"shape@{end}"] for end in ("source", "target")]
         log.info(
@@ -81,7 +96,7 @@ def main(cfg: DictConfig) -> None:
     use_threads(config)
     L.seed_everything(cfg.seed, verbose=False)
     with training_together(_processes(cfg), cfg.trainer.num_nodes, HydraConfig.get().overrides.task, folder):
-        if summary := kinds[cfg.task.kind](cfg, config, folder):
+        if summary := kind(cfg, config, folder):
             summary.write(folder)
             summary.report(folder)
 
@@ -104,20 +119,31 @@ def _train(
     config: dict[str, Any],
     folder: Path,
 ) -> Summary | None:
+    checkpoint = begun_checkpoint(folder, config, bool(cfg.resume))
     begin = time.monotonic()
     task, data, steps = prepare(cfg, config)
-    prepared = time.monotonic()
+    clock = TrainingClock()
+    preparing = time.monotonic() - begin
     stop = StopOnSignal()
     loggers: list[Logger] = []
 
     def trainer() -> L.Trainer:
-        callbacks = [Rewind(), *instantiate(cfg.callbacks).values(), stop]
+        callbacks = [Rewind(), *instantiate(cfg.callbacks).values(), stop, clock]
         loggers[:] = opened(instantiate(cfg.logger).values(), config, _group())
         every = max(1, steps // cfg.validations)
-        return _trainer(cfg, max_steps=steps, val_check_interval=every, callbacks=callbacks, logger=loggers)
+        return _trainer(
+            cfg,
+            max_steps=steps,
+            val_check_interval=every,
+            callbacks=callbacks,
+            logger=loggers,
+            plugins=[WholeCheckpoints()],
+        )
 
     with closing(loggers):
-        done = fit_with_recovery(trainer, task, data, _last(folder), resume=bool(cfg.resume))
+        done = fit_with_recovery(trainer, task, data, folder / "checkpoints" / "last.ckpt", checkpoint)
+        if not is_first_process():  # the first one says how training ended
+            return None
         if stop.received:
             log.warning(
                 "Training stopped at step %d of %d. Repeat the command with `hydra.run.dir=%s resume=true` "
@@ -125,12 +151,14 @@ def _train(
                 done.global_step, steps, folder,
             )  # fmt: skip
             raise SystemExit(128 + stop.received)
-        if not done.callback_metrics:
-            log.info("The run in %s has already finished its %d steps.", folder, steps)
-            return None
+        if not done.callback_metrics:  # all steps were made before
+            if is_finished(folder):
+                log.info("The run in %s has already finished its %d steps.", folder, steps)
+                return None
+            write_results(done, task)
         figures, best = _best_figures(done)
         Trackers.of(done).outcome(figures, _best(folder))
-    return Summary(done.global_step, time.monotonic() - prepared, figures, prepared - begin, best)
+    return Summary(done.global_step, clock.seconds, figures, preparing, best)
 
 
 def _trainer(cfg: DictConfig, **arguments: Any) -> L.Trainer:
@@ -160,12 +188,8 @@ def _best(folder: Path) -> Path:
     return folder / "checkpoints" / "best.ckpt"
 
 
-def _last(folder: Path) -> Path:
-    return folder / "checkpoints" / "last.ckpt"
-
-
 def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary | None:
-    if cfg.resume and _last(folder).is_file():
+    if begun_checkpoint(folder, config, bool(cfg.resume)) is not None and is_finished(folder):
         log.info("The run in %s has already finished; optimal transport has no steps.", folder)
         return None
     begin = time.monotonic()

@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
+from lightning.pytorch.utilities.rank_zero import rank_zero_only
 
 from nsm.cli.errors import InputError
-from nsm.io.checkpoint import read_checkpoint
+from nsm.io.checkpoint import read_checkpoint, readable_checkpoint
+from nsm.train.callbacks import MorphWriter, StepTimes
+from nsm.train.summary import SUMMARY
 from nsm.train.tasks import Collapse, FieldData, FieldTask
 
 log = logging.getLogger(__name__)
@@ -21,7 +24,7 @@ SMALLER_STEP = 0.5
 
 
 def fit_with_recovery(
-    trainer: Callable[[], L.Trainer], task: FieldTask, data: FieldData, last: Path, resume: bool
+    trainer: Callable[[], L.Trainer], task: FieldTask, data: FieldData, last: Path, begun: Path | None
 ) -> L.Trainer:
     """Train; after a first collapse, continue from the last good checkpoint with half the learning rate.
 
@@ -32,7 +35,7 @@ def fit_with_recovery(
         task: Networks and loss to train.
         data: Batches for training and validation.
         last: File of the last checkpoint.
-        resume: Whether to begin from that file, if it exists.
+        begun: Checkpoint to resume from; None to begin.
 
     Returns:
         The trainer that finished.
@@ -41,13 +44,12 @@ def fit_with_recovery(
         InputError: If training collapses a second time.
     """
     start = copy.deepcopy(task.state_dict())
-    begun = resume and last.is_file()
-    stale = None if begun else _written(last)
+    stale = _written(last)
     try:
-        return _fit(trainer(), task, data, last if begun else None)
+        return _fit(trainer(), task, data, begun)
     except Collapse as collapse:
         task.step_scale *= SMALLER_STEP
-        good = last if _written(last) != stale else None
+        good = last if _written(last) != stale else begun
         where = "the last good checkpoint" if good else "the beginning"
         log.warning("Collapse: %s. Going back to %s with %g of the learning rate.", collapse, where, SMALLER_STEP)
         if good is None:
@@ -62,23 +64,57 @@ def fit_with_recovery(
         ) from collapse
 
 
-def require_same_run(last: Path, config: dict[str, Any]) -> None:
+def is_first_process() -> bool:
+    """Whether this process is the first of those that train together, one per device, which alone writes files."""
+    return not getattr(rank_zero_only, "rank", 0)
+
+
+def begun_checkpoint(folder: Path, config: dict[str, Any], resume: bool) -> Path | None:
+    """Find the checkpoint from which a run resumes; for a run that begins, remove what an older one concluded.
+
+    Args:
+        folder: Folder of the run.
+        config: Resolved configuration of this run.
+        resume: Whether the run resumes if there is a checkpoint, the best one if the last one cannot be read.
+
+    Raises:
+        InputError: If no checkpoint can be read, or it is of a run with another configuration.
+    """
+    checkpoint = readable_checkpoint(folder / "checkpoints", ("last", "best")) if resume else None
+    if checkpoint is not None:
+        require_same_run(checkpoint, config)
+    elif is_first_process():
+        (folder / SUMMARY).unlink(missing_ok=True)
+    return checkpoint
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether a run has ended, since the summary is its last file."""
+    return (folder / SUMMARY).is_file()
+
+
+def write_results(trainer: L.Trainer, task: FieldTask) -> None:
+    """Write what a run that was killed after its last validation could not write, except its summary."""
+    for callback in trainer.callbacks:  # type: ignore[attr-defined]
+        if isinstance(callback, MorphWriter | StepTimes):
+            callback.on_train_end(trainer, task)
+
+
+def require_same_run(checkpoint: Path, config: dict[str, Any]) -> None:
     """Require that the checkpoint to resume from was written with the same configuration.
 
     Args:
-        last: File of the last checkpoint.
+        checkpoint: Checkpoint of the run.
         config: Resolved configuration of this run.
 
     Raises:
         InputError: If a setting other than ``resume`` and ``threads`` differs.
     """
-    if not last.is_file():
-        return
-    before = read_checkpoint(last)["nsm"]["config"]
+    before = read_checkpoint(checkpoint)["nsm"]["config"]
     changed = sorted(_differences(before, config, "") - {"resume", "threads"})
     if changed:
         raise InputError(
-            f"`resume=true` must repeat the settings of the run in {last.parent.parent}, got another "
+            f"`resume=true` must repeat the settings of the run in {checkpoint.parent.parent}, got another "
             f"{', '.join(changed[:3])}. Try the command that started the run, or another `hydra.run.dir`."
         )
 

@@ -23,8 +23,10 @@ FIGURES = {
     "val/components": ("components", "{:.0f}"),
     "val/normal": ("normals", "{:.1f}°"),
 }
+#: Name of the summary, the last file that a run writes.
+SUMMARY = "summary.json"
 #: Files that a user opens first, most important first.
-_FILES = ("checkpoints/best.ckpt", "strip.png", "summary.json")
+_FILES = ("checkpoints/best.ckpt", "strip.png", SUMMARY)
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Summary:
 
     Attributes:
         steps: Optimizer steps; 0 for optimal transport.
-        training: Seconds of training or computing.
+        training: Seconds of training or computing, also those before the run was stopped and resumed.
         figures: Validation of the morph or shape that the run ends with, by the names of the log.
         preparing: Seconds before that.
         best_step: Step of the best checkpoint.
@@ -54,7 +56,7 @@ class Summary:
             "training_s": self.training,
             **self.figures,
         }
-        with whole_file(folder / "summary.json") as temporary:
+        with whole_file(folder / SUMMARY) as temporary:
             temporary.write_text(json.dumps(content, indent=2) + "\n")
 
     def report(self, folder: Path) -> None:

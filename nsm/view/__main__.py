@@ -16,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from nsm.cli import entry
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
+from nsm.cli.locks import only_writer_of_file
 from nsm.cli.progress import Progress
 from nsm.cli.settings import invalid, number, positive, switch, use_threads, whole_number
 from nsm.io.loading import LoadedMorph, load_morphs, retimed
@@ -98,7 +99,7 @@ def _workplace(config: dict[str, Any]) -> Workplace:
 def _record(file: Path, loaded: list[LoadedMorph], settings: Settings, times: list[float], seconds: float) -> None:
     from nsm.view.recording import record
 
-    with Progress("recording", len(loaded) * len(times), unit="surfaces") as progress:
+    with only_writer_of_file(file), Progress("recording", len(loaded) * len(times), unit="surfaces") as progress:
         for done in record(file, loaded, settings, times, seconds):
             progress.update(done)
     log.info("wrote %s (%.1f MB), which opens in any browser", file, file.stat().st_size / 1e6)

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 from table import NIGHTLY, PAGE, TALLY, Tally, table, updated
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _one_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """All commands find the networks that the first one has fitted."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NSM_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """Callbacks of training: checkpoints, volume curves, meshes, pictures, progress, and signals."""
 
 from nsm.train.callbacks.checkpoints import Checkpoints
+from nsm.train.callbacks.clock import TrainingClock
 from nsm.train.callbacks.csv_log import CsvLog
 from nsm.train.callbacks.interruption import ExitOnSignal, StopOnSignal
 from nsm.train.callbacks.mesh_snapshots import MeshSnapshots
@@ -27,6 +28,7 @@ __all__ = [
     "TensorBoardLog",
     "Tracker",
     "Trackers",
+    "TrainingClock",
     "Unvalidated",
     "VolumeCurveLog",
     "WandbLog",

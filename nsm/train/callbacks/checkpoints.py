@@ -45,13 +45,8 @@ class Checkpoints(ModelCheckpoint):
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write this step, also as the best one if it is."""
-        before = self.best_model_score
         super().on_validation_end(trainer, pl_module)
         if trainer.state.fn == TrainerFn.FITTING and not trainer.sanity_checking:
-            if self.best_model_score is not before:
-                self.best_step = trainer.global_step
-                figures = trainer.callback_metrics
-                self.best_figures = {name: float(v) for name, v in figures.items() if name.startswith("val/")}
             self._keep_last(trainer)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
@@ -68,7 +63,16 @@ class Checkpoints(ModelCheckpoint):
         super().load_state_dict(state_dict)
         self.best_step, self.best_figures = state_dict["best_step"], dict(state_dict["best_figures"])
 
+    def _save_checkpoint(self, trainer: L.Trainer, filepath: str) -> None:
+        """Write the best checkpoint, in which this step is already the best, since a run may resume from it."""
+        self.best_step = trainer.global_step
+        figures = trainer.callback_metrics
+        self.best_figures = {name: float(v) for name, v in figures.items() if name.startswith("val/")}
+        super()._save_checkpoint(trainer, filepath)
+
     def _keep_last(self, trainer: L.Trainer) -> None:
+        for logger in trainer.loggers:
+            logger.save()  # a run that resumes from here logs no earlier step again
         # Lightning's save_last writes only when the best checkpoint has changed too
         trainer.save_checkpoint(Path(self.dirpath or ".") / "last.ckpt", weights_only=False)
 

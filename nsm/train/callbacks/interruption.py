@@ -8,6 +8,7 @@ from types import FrameType
 from typing import Any
 
 import lightning as L
+import torch
 
 
 class _OnSignal(L.Callback, ABC):
@@ -46,7 +47,8 @@ class _OnSignal(L.Callback, ABC):
 class StopOnSignal(_OnSignal):
     """Stops training between two steps on SIGINT or SIGTERM, so that the final checkpoint is consistent.
 
-    A second Ctrl-C interrupts at once.
+    Processes that train together all stop after the same step, whichever of them received the signal. A second Ctrl-C
+    interrupts at once.
 
     Attributes:
         received: Signal that stopped training, or None.
@@ -64,7 +66,15 @@ class StopOnSignal(_OnSignal):
         self, trainer: L.Trainer, pl_module: L.LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
         """Stop where an optimizer step is complete, without gradients of further batches."""
-        if self.received and (batch_idx + 1) % trainer.accumulate_grad_batches == 0:
+        if (batch_idx + 1) % trainer.accumulate_grad_batches:
+            return
+        # a signal that arrives during the exchange counts at the next step, when all processes learn of it
+        number = float(self.received or 0)
+        if trainer.world_size > 1:
+            own = torch.tensor(number, device=trainer.strategy.root_device)
+            number = float(trainer.strategy.reduce(own, reduce_op="max"))
+        if number:
+            self.received = signal.Signals(int(number))
             trainer.should_stop = True
 
 

@@ -40,7 +40,6 @@ class MeshSnapshots(MorphWriter):
     def __init__(self, folder: str, times: Sequence[float], resolution: int = 96, every: int = 5) -> None:
         self.folder = Path(folder) / "meshes"
         self.times, self.resolution, self.every = tuple(times), resolution, every
-        self._validations = 0
 
     def write(self, morph: Morph, curve: VolumeCurve, label: str, trackers: Trackers) -> None:
         self._snapshots(morph, "best", trackers)
@@ -49,8 +48,9 @@ class MeshSnapshots(MorphWriter):
         """Write the meshes of this step, if it is due."""
         if not isinstance(pl_module, MorphTask) or trainer.sanity_checking or not trainer.is_global_zero:
             return
-        self._validations += 1
-        if not self._validations % self.every:
+        # by the step and not by counting, so that they fall on the same steps in a run that was stopped and resumed
+        batches = trainer.fit_loop.total_batch_idx + 1
+        if batches % (self.every * int(trainer.val_check_interval)) == 0:
             self._snapshots(pl_module.morph, f"step_{trainer.global_step:06d}", Trackers.of(trainer))
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:

@@ -28,17 +28,19 @@ class StepTimes(L.Callback):
         self.file = Path(folder) / "step_times.json"
         #: Seconds of training before this run was resumed.
         self.before = 0.0
+        #: Seconds per step then.
+        self.step_before: float | None = None
         self.steps: list[float] = []
         self._begin: float | None = None
         self._last = 0.0
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the seconds of training so far, which a resumed run adds to."""
-        return {"seconds": self._seconds()}
+        """Return the seconds of training so far, which a resumed run adds to, and those per step."""
+        return {"seconds": self._seconds(), "step_s": self._step_seconds()}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Restore the seconds of a run that was stopped."""
-        self.before = float(state_dict["seconds"])
+        self.before, self.step_before = float(state_dict["seconds"]), state_dict.get("step_s")
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Start the clock."""
@@ -58,15 +60,17 @@ class StepTimes(L.Callback):
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Write the file."""
-        if not self.steps:
+        step_s = self._step_seconds()
+        if step_s is None:
             return
-        counted = self.steps[WARM_UP:] or self.steps[-1:]
-        times = {
-            "training_s": self._seconds(),
-            "step_s": sum(counted) / len(counted),
-        }
+        times = {"training_s": self._seconds(), "step_s": step_s}
         with whole_file(self.file) as temporary:
             temporary.write_text(json.dumps(times, indent=2) + "\n")
+
+    def _step_seconds(self) -> float | None:
+        """Seconds per step, of the steps since the run began or was resumed if there are any."""
+        counted = self.steps[WARM_UP:] or self.steps[-1:]
+        return sum(counted) / len(counted) if counted else self.step_before
 
     def _seconds(self) -> float:
         return self.before + (0.0 if self._begin is None else time.perf_counter() - self._begin)

@@ -5,17 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import lightning as L
-import pooch
 import torch
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
+from nsm.cli.cache import cache_folder, require_writable_cache, writing_to_cache
 from nsm.cli.errors import InputError
 from nsm.fields import ScalarSiren
 from nsm.io.checkpoint import FORMAT, load_shape, save_shape
@@ -105,16 +104,15 @@ class SdfFit:
             return self._loaded_or_fitted(shape)
 
     def _loaded_or_fitted(self, shape: Shape) -> SirenShape:
-        file = cache_folder() / f"{self._key(shape)}.ckpt"
-        if file.is_file():
-            try:
-                return load_shape(file)
-            except InputError:
-                log.warning("The cached fit %s cannot be read and is made again.", file)
+        file = cache_folder() / "sdf" / f"{self._key(shape)}.ckpt"
+        if file.is_file() and (cached := _cached(file)) is not None:
+            return cached
+        require_writable_cache()
         kind = shape.provenance()["kind"]
         log.info("Fitting a network to the %s in %d steps, once; it is kept in %s", kind, self.steps, file.parent)
         fitted = self.as_shape(self._fitted(shape), shape)
-        save_shape(file, fitted)
+        with writing_to_cache():
+            save_shape(file, fitted)
         return fitted
 
     def _fitted(self, shape: Shape) -> SdfTask:
@@ -181,8 +179,14 @@ def _require_in_box(shape: Shape) -> None:
         )
 
 
-def cache_folder() -> Path:
-    """Folder of the cached fits, in ``NSM_CACHE_DIR`` if that is set, otherwise in the cache of the user."""
-    folder = Path(os.environ.get("NSM_CACHE_DIR") or pooch.os_cache("nsm")) / "sdf"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+def _cached(file: Path) -> SirenShape | None:
+    """Load a cached fit; one that is cut or has weights that are not finite causes a warning."""
+    try:
+        shape = load_shape(file)
+    except InputError:
+        log.warning("The cached fit %s cannot be read and is made again.", file)
+        return None
+    if not all(bool(value.isfinite().all()) for value in shape.state_dict().values()):
+        log.warning("The cached fit %s has weights that are not finite and is made again.", file)
+        return None
+    return shape
