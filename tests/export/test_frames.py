@@ -104,7 +104,7 @@ def test_in_the_coordinates_of_a_file_its_fit_pose_and_scale_are_undone(larger: 
     assert np.abs(np.cos(FREQUENCY * vertices).sum(1) - 2.5).max() < 2e-3
     gradient = np.sin(FREQUENCY * vertices)
     assert ((gradient * normals).sum(1) / np.linalg.norm(gradient, axis=1)).min() > 0.9999
-    total = ends.source_scale * 0.7
+    total = ends.scales[0] * 0.7
     assert here.volume == pytest.approx(total**3 * there.volume, rel=1e-4)
     assert np.allclose(opposite.vertices, np.array(here.vertices) / ends.target_scale, atol=1e-5)
     # a box in the coordinates of the file: no rotation is left
