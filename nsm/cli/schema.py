@@ -127,7 +127,7 @@ _RULES: dict[str, dict[str, Check]] = {
         "outer": optional(text),
         "inner_label": optional(labels),
         "outer_label": optional(labels),
-        "layers": either(partial(whole_number, most=1000, example=4), rising),
+        "layers": either(partial(whole_number, most=1000, example=4), numbers),
         "resolution": _cells,
         "format": optional(text),
         "output": optional(text),

@@ -58,7 +58,7 @@ def test_a_mesh_that_is_empty_or_cut(
 
 def test_shapes_of_two_dimensions(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     sentence = refused(capsys, folder, "shape@source=disk", "shape@target=ball")
-    assert "must have the dimension of the source, 2D, as all shapes between, got a shape in 3D." in sentence
+    assert "must have the dimension of the source, 2D, got a shape in 3D." in sentence
     assert "Try `shape@target=square`." in sentence
 
 

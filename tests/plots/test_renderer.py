@@ -21,7 +21,7 @@ from nsm.plots.camera import place_camera
 from nsm.plots.lighting import Lighting
 from nsm.plots.look import Look, facing
 from nsm.plots.strip import render_strip, try_strip
-from nsm.train.callbacks import Strip
+from nsm.train.callbacks import Strip, Trackers
 
 COARSE = Look(resolution=32)
 
@@ -124,6 +124,6 @@ def test_without_opengl_training_goes_on(tmp_path: Path, caplog: pytest.LogCaptu
     curve = VolumeCurve(torch.zeros(1), torch.ones(1))
     with caplog.at_level(logging.WARNING):
         caplog.clear()
-        Strip(str(tmp_path), [0.0], 40).write(LinearMotion(Ball(3)), curve, "run")
+        Strip(str(tmp_path), [0.0], 40).write(LinearMotion(Ball(3)), curve, "run", Trackers([], step=0))
     assert [record.message.split(". ")[0] for record in caplog.records] == [f"Skipped {tmp_path / 'strip.png'}"]
     assert not list(tmp_path.iterdir())
