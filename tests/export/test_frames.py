@@ -106,7 +106,7 @@ def test_in_the_coordinates_of_a_file_its_fit_pose_and_scale_are_undone(larger: 
     assert ((gradient * normals).sum(1) / np.linalg.norm(gradient, axis=1)).min() > 0.9999
     total = ends.scales[0] * 0.7
     assert here.volume == pytest.approx(total**3 * there.volume, rel=1e-4)
-    assert np.allclose(opposite.vertices, np.array(here.vertices) / ends.target_scale, atol=1e-5)
+    assert np.allclose(opposite.vertices, np.array(here.vertices) / ends.scales[1], atol=1e-5)
     # a box in the coordinates of the file: no rotation is left
     assert np.ptp(vertices, axis=0) == pytest.approx(np.ptp(vertices, axis=0)[0] * np.ones(3), rel=1e-2)
 
