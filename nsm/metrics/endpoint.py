@@ -11,19 +11,19 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from nsm.geometry.differences import finite_gradient
 from nsm.geometry.distance import DistanceSummary, closest_points
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.sampling import sample_mesh
 from nsm.geometry.volume import VOLUME_RESOLUTION, volume
+from nsm.shapes.gradient import shape_gradient
 from nsm.types import Morph, SignedDistance
 
 #: Points drawn on each surface.
 SAMPLES = 20_000
 #: Cells along the longest edge of the box on which both surfaces are extracted by default.
 SURFACE_RESOLUTION = 128
-#: Step of the differences that give the normals of a shape, relative to the longest edge of the box: small against the
-#: features of a shape, large against the rounding of single precision.
+#: Step of the differences that give the normals of a shape whose gradient is not known, relative to the longest edge of
+#: the box: small against the features of a shape, large against the rounding of single precision.
 _STEP = 5e-4
 
 
@@ -105,7 +105,7 @@ def endpoint_errors(
     back = closest_points(sample_mesh(theirs, SAMPLES, generator).points, ours)
     normals = normalize(morph.gradient(points, time).detach(), dim=1)
     step = _STEP * float((morph.bounds[1] - morph.bounds[0]).max())
-    expected_normals = normalize(finite_gradient(shape, there.points, step), dim=1)
+    expected_normals = normalize(shape_gradient(shape, there.points, step), dim=1)
     return EndpointErrors(
         time,
         DistanceSummary.of(there.distances),

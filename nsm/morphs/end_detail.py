@@ -6,13 +6,11 @@ import math
 from functools import cached_property, partial
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
-from nsm.geometry.differences import finite_gradient
 from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.interpolation import Interpolant
-from nsm.shapes import FieldShape
+from nsm.shapes.gradient import shape_gradient
 from nsm.types import Morph, SignedDistance
 
 #: Distance from the surfaces of an end at which its tabulated difference has faded to 0, relative to the box, and its
@@ -109,10 +107,3 @@ def _fade(distance: Tensor) -> Tensor:
     """Twice continuously differentiable step that is 1 up to a third and 0 from 1 on."""
     u = (1.5 * distance - 0.5).clamp(0, 1)
     return 1 - u * u * u * (10 - 15 * u + 6 * u * u)
-
-
-def shape_gradient(shape: SignedDistance, x: Float[Tensor, "n d"], step: float) -> Float[Tensor, "n d"]:
-    """Gradient of a shape (n, d), exact for a `FieldShape`, and from central differences for any other function."""
-    if isinstance(shape, FieldShape):
-        return shape.jet(x).gradient
-    return finite_gradient(shape, x, step)

@@ -16,7 +16,8 @@ from nsm.geometry.grid import CHUNK, Lattice, evaluate
 from nsm.geometry.meshing import extract_surface
 from nsm.geometry.sampling import sample_mesh
 from nsm.morphs.advected import velocity_of
-from nsm.morphs.end_detail import EndDetail, shape_gradient
+from nsm.morphs.end_detail import EndDetail
+from nsm.shapes.gradient import shape_gradient
 from nsm.types import Morph, Times
 
 #: Cells of the lattice on which V is sampled, along the longest edge of the box of the moving surface, by dimension,

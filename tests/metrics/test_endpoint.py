@@ -7,9 +7,12 @@ from functools import partial
 
 import pytest
 import torch
+import trimesh
+from measured import Still
 from problems import MOTIONS, Ball, LinearMotion
 
 from nsm.metrics.endpoint import angles, endpoint_errors
+from nsm.shapes import MeshFile
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -38,6 +41,18 @@ def test_normals_of_a_disk_beside_its_place():
     motion = MOTIONS["translating_ball"](2)
     errors = endpoint_errors(motion, 0.0, lambda x: motion.source(x - x.new_tensor([0.05, 0])), 64)
     assert errors.normal_error == pytest.approx(math.degrees(0.05 / 0.4 * 2 / math.pi), rel=0.02)
+
+
+def test_edges_of_a_mesh_are_sharp_in_its_normals(tmp_path):
+    """A morph that is the mesh itself has its normals everywhere, next to edges too, where differences mix two of them."""
+    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "ball.obj")
+    shape = MeshFile(str(tmp_path / "ball.obj"), fit=0.5)
+
+    class Mesh(Still):
+        def gradient(self, x, t):
+            return shape.jet(x).gradient
+
+    assert endpoint_errors(Mesh(3, lambda x, t: shape(x)), 0.0, shape, 32, 16).normal_error < 1e-4
 
 
 def test_angles_are_exact_where_they_are_small():
