@@ -44,7 +44,7 @@ def test_normals_of_a_disk_beside_its_place():
 
 
 def test_edges_of_a_mesh_are_sharp_in_its_normals(tmp_path):
-    """A morph that is the mesh itself has its normals everywhere, next to edges too, where differences mix two of them."""
+    """A morph that is the mesh itself has its normals next to edges too, where differences would mix two of them."""
     trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "ball.obj")
     shape = MeshFile(str(tmp_path / "ball.obj"), fit=0.5)
 
