@@ -63,14 +63,14 @@ def test_style_is_checked_by_the_same_ruff_everywhere() -> None:
 
 def test_make_explains_each_of_its_targets() -> None:
     shown = subprocess.run(["make", "-s"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    targets = ["help", "demo", "test", "attack", "lint", "docs", "bench"]
+    targets = ["help", "demo", "test", "coverage", "attack", "lint", "docs", "bench"]
     assert re.findall(r"^  make (\w+)\s+\w", shown, re.MULTILINE) == targets
 
 
 def test_ci_is_executable_and_runs_what_people_run() -> None:
     script = ROOT / ".ci" / "run"
     assert script.stat().st_mode & 0o111
-    assert {"make lint", "make docs", "make test"} <= set(script.read_text().splitlines())
+    assert {"make lint docs &", "make test", "wait $!"} <= set(script.read_text().splitlines())
 
 
 def test_configuration_is_found_in_a_checkout() -> None:
