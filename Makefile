@@ -16,7 +16,7 @@ export NSM_DATA_DIR
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test coverage attack lint docs bench
+.PHONY: help demo test coverage nightly lint docs bench
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -30,8 +30,8 @@ test: $(STAMP) $(GLTF) ## run all tests (WORKERS=2 side by side, PYTEST_ARGS for
 coverage: $(STAMP) $(GLTF) ## run all tests and show the lines that none of them reaches (a quarter slower)
 	$(RUN) pytest -q -n $(WORKERS) --cov=nsm --cov-report=term-missing:skip-covered $(PYTEST_ARGS)
 
-attack: $(STAMP) ## attack every command and write the table of docs/reliability.md (long)
-	NSM_ATTACK=nightly $(RUN) pytest -q tests/attack $(PYTEST_ARGS)
+nightly: $(STAMP) $(GLTF) ## run all tests with all their tries, and write the table of docs/reliability.md (hours)
+	NSM_NIGHTLY=1 $(RUN) pytest -q $(PYTEST_ARGS)
 
 lint: $(STAMP) ## check style, types and the direction of imports
 	$(RUN) ruff check .

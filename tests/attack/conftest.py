@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from table import NIGHTLY, PAGE, TALLY, Tally, table, updated
+from nightly import NIGHTLY
+from table import PAGE, TALLY, Tally, table, updated
 
 
 @pytest.fixture(autouse=True, scope="session")

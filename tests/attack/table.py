@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-#: Whether all attacks are run, as ``make attack`` does, or a few of each, as ``make test`` does.
-NIGHTLY = os.environ.get("NSM_ATTACK") == "nightly"
 #: The page that holds the table of the nightly run.
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reliability.md"
 _HEAD = "| attack | tried | held |\n| --- | ---: | ---: |\n"
 _ROW = re.compile(r"^\| (.+) \| (\d+) \| (\d+) \|\n", re.MULTILINE)
-
-
-def tries(few: int, many: int) -> int:
-    """The number of tries of an attack in the tests of every day, and in the nightly run."""
-    return many if NIGHTLY else few
 
 
 class Tally:

@@ -10,9 +10,10 @@ from broken_settings import Case, cases, composed, defaults, everything
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
+from nightly import NIGHTLY
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from table import NIGHTLY, Tally
+from table import Tally
 
 from nsm.cli.errors import InputError
 from nsm.cli.explain import explain, require_settings

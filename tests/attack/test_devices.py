@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 from analytic import sentence
+from nightly import NIGHTLY
 from runs import BARE
-from table import NIGHTLY, Tally
+from table import Tally
 
 #: Two processes on the processor for a run that lasts.
 RUN = (*BARE, "trainer.devices=2", "trainer.strategy=ddp", "steps=5000", "validations=1000")
@@ -56,7 +57,7 @@ def test_a_process_that_dies_ends_all_with_a_sentence(tmp_path: Path, tally: Tal
         assert "Traceback" not in said
 
 
-@pytest.mark.skipif(not NIGHTLY, reason="trains for a while: make attack")
+@pytest.mark.skipif(not NIGHTLY, reason="trains for a while: make nightly")
 def test_when_the_first_process_dies_nobody_trains_on_alone(tmp_path: Path, tally: Tally) -> None:
     with tally.attack("the first process killed of two that train together"):
         first = begun(tmp_path)

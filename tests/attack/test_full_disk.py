@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from table import NIGHTLY, Tally
+from nightly import NIGHTLY
+from table import Tally
 from victims import VICTIMS, Victim, files, prepare, require_whole, run
 
 #: Kilobytes that are left on the disk.

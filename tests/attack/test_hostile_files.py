@@ -10,7 +10,8 @@ import trimesh
 from hostile import checkpoint, damaged_meshes, hostile_checkpoints, hostile_networks
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from table import NIGHTLY, Tally, tries
+from nightly import NIGHTLY, tries
+from table import Tally
 
 from nsm.cli.errors import InputError
 from nsm.io.checkpoint import load_morph

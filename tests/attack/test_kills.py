@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from table import NIGHTLY, Tally, tries
+from nightly import NIGHTLY, tries
+from table import Tally
 from victims import VICTIMS, Outcome, Victim, files, prepare, require_whole, run
 
 #: Kills of each command: half of them before a change of a file, half at any time.

@@ -11,8 +11,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from nightly import NIGHTLY
 from runs import BARE
-from table import NIGHTLY
 
 from nsm.compare.record import DONE, read_record
 
@@ -51,7 +51,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "bin" / "python"
 
 
-@pytest.mark.skipif(not NIGHTLY, reason="installs Ray: make attack")
+@pytest.mark.skipif(not NIGHTLY, reason="installs Ray: make nightly")
 def test_a_study_is_run_by_ray(python: Path, tmp_path: Path) -> None:
     tiny = [o for o in BARE if not o.startswith(("+experiment", "steps", "threads", "callbacks"))]
     command = [python, "-m", "nsm.compare", *SMALL, f"output={tmp_path / 'study'}", f"overrides={json.dumps(tiny)}"]

@@ -12,14 +12,15 @@ from pathlib import Path
 
 import pytest
 import torch
+from nightly import NIGHTLY
 from runs import BARE
-from table import NIGHTLY, Tally
+from table import Tally
 
 #: Two processes on one machine without a GPU.
 TWO = ("trainer.devices=2", "trainer.strategy=ddp", "steps=100000", "validations=1000")
 
 
-@pytest.mark.skipif(not NIGHTLY, reason="takes a minute: a part of `make attack`")
+@pytest.mark.skipif(not NIGHTLY, reason="takes a minute: make nightly")
 @pytest.mark.parametrize("number", range(3))
 def test_a_signal_to_the_first_of_two_processes_ends_both_with_a_sentence(
     number: int, tmp_path: Path, tally: Tally

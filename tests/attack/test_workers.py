@@ -11,7 +11,8 @@ from unittest import mock
 
 import cloudpickle
 import pytest
-from table import Tally, tries
+from nightly import tries
+from table import Tally
 
 from nsm.cli import entry
 from nsm.compare import __main__ as compare

@@ -63,7 +63,7 @@ def test_style_is_checked_by_the_same_ruff_everywhere() -> None:
 
 def test_make_explains_each_of_its_targets() -> None:
     shown = subprocess.run(["make", "-s"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    targets = ["help", "demo", "test", "coverage", "attack", "lint", "docs", "bench"]
+    targets = ["help", "demo", "test", "coverage", "nightly", "lint", "docs", "bench"]
     assert re.findall(r"^  make (\w+)\s+\w", shown, re.MULTILINE) == targets
 
 
