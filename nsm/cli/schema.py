@@ -128,7 +128,7 @@ _RULES: dict[str, dict[str, Check]] = {
         "inner_label": optional(labels),
         "outer_label": optional(labels),
         "layers": either(partial(whole_number, most=1000, example=4), numbers),
-        "resolution": _cells,
+        "resolution": partial(whole_number, least=8, most=_MOST_CELLS, example=128),
         "format": optional(text),
         "output": optional(text),
     },

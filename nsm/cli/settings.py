@@ -229,15 +229,11 @@ def moments(name: str, value: Any) -> list[float]:
 
 
 def use_threads(config: Mapping[str, Any]) -> None:
-    """Limit torch to the ``threads`` of a configuration; None leaves the number to torch.
-
-    Raises:
-        InputError: If ``threads`` is not a positive integer.
-    """
+    """Limit torch to the ``threads`` of a configuration; None leaves the number to torch."""
     if config["threads"] is not None:
         import torch
 
-        torch.set_num_threads(whole_number("threads", config["threads"]))
+        torch.set_num_threads(config["threads"])
 
 
 def _is_number(value: Any) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from nsm.cli import entry
 from nsm.cli.locks import only_writer_of_folder
 from nsm.cli.progress import Progress
-from nsm.cli.settings import moments, number, positive, use_threads, whole_number
+from nsm.cli.settings import moments, use_threads
 from nsm.evaluate.tables import print_table
 from nsm.evaluate.writers import write_evaluations
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder
@@ -29,10 +29,9 @@ _PICTURES = 2
 def main(cfg: DictConfig) -> None:
     """Load morphs, measure them, and write and print the results."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
-    protocol = _protocol(config)
-    picture_size = whole_number("picture_size", config["picture_size"], 16)
+    protocol = Protocol(*(config[field.name] for field in fields(Protocol)))
     times = moments("slices.times", config["slices"]["times"])
-    plane = SlicePlane(str(config["slices"]["axis"]), number("slices.offset", config["slices"]["offset"]))
+    plane = SlicePlane(config["slices"]["axis"], config["slices"]["offset"])
     use_threads(config)
     named = load_morphs(config, "nsm.evaluate")
     columns = [column for loaded in named for column in _columns(loaded)]
@@ -54,7 +53,7 @@ def main(cfg: DictConfig) -> None:
             plot_residual_slices(slices, morphs, times, plane)
             progress.advance()
             progress.update(detail="strip")
-            drawn = try_strip(strip, morphs, size=picture_size)
+            drawn = try_strip(strip, morphs, size=config["picture_size"])
             progress.advance()
             files += [slices, strip] if drawn else [slices]
     title = (
@@ -64,15 +63,6 @@ def main(cfg: DictConfig) -> None:
     print_table({name: result.figures() for name, result in results.items()}, title)
     for file in files:
         log.info("wrote %s", file)
-
-
-def _protocol(config: Mapping[str, Any]) -> Protocol:
-    return Protocol(
-        whole_number("volume_resolution", config["volume_resolution"], 8),
-        whole_number("surface_resolution", config["surface_resolution"], 8),
-        whole_number("times", config["times"], 2),
-        positive("shell_width", config["shell_width"]),
-    )
 
 
 def _columns(loaded: LoadedMorph) -> list[LoadedMorph]:

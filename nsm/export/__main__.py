@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
 from nsm.cli.errors import InputError
-from nsm.cli.settings import choice, moments, positive, switch, use_threads, whole_number
+from nsm.cli.settings import choice, moments, use_threads
 from nsm.export.formats import FORMATS
 from nsm.export.request import Format, Request
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder, retimed
@@ -24,8 +24,6 @@ def main(cfg: DictConfig) -> None:
     """Load a morph and write it in one format."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     times = moments("times", config["times"])
-    if config["resolution"] is not None:
-        whole_number("resolution", config["resolution"], 2)
     use_threads(config)
     if config["format"] is not None:
         choice("format", config["format"], FORMATS)
@@ -35,19 +33,18 @@ def main(cfg: DictConfig) -> None:
     if chosen.holds_networks and loaded.network is not None:
         log.info("`format=%s` holds the networks, so its ends are theirs (`ends=network`)", config["format"])
         morph = loaded.network
-    exact_volume = switch("exact_volume", config["exact_volume"])
     request = Request(
         morph=morph,
         output=Path(config["output"]) if config["output"] else output_folder([loaded], "export"),
         times=times,
         resolution=chosen.resolution if config["resolution"] is None else config["resolution"],
         coordinates=chosen.coordinates if config["coordinates"] is None else config["coordinates"],
-        exact_volume=exact_volume,
-        advect=_advect(config["advect"], chosen, morph, exact_volume),
+        exact_volume=config["exact_volume"],
+        advect=_advect(config["advect"], chosen, morph, config["exact_volume"]),
         correspondences=config["advect"] is True,
-        mesh=None if config["mesh"] is None else str(config["mesh"]),
-        project=switch("project", config["project"]),
-        seconds=positive("seconds", config["seconds"]),
+        mesh=config["mesh"],
+        project=config["project"],
+        seconds=config["seconds"],
         labels=_labels(config["labels"], chosen),
         identity={
             "morph": _content(loaded),
@@ -76,10 +73,10 @@ def _one(loaded_morphs: list[LoadedMorph]) -> LoadedMorph:
     return loaded_morphs[0]
 
 
-def _advect(value: Any, chosen: Format, morph: Morph, exact_volume: bool) -> bool:
+def _advect(value: bool | None, chosen: Format, morph: Morph, exact_volume: bool) -> bool:
     """The setting ``advect``; if it is null, whether the format advects by default and the morph can."""
     if value is not None:
-        return switch("advect", value)
+        return value
     if not chosen.advects or exact_volume:
         return False
     if not morph.has_velocity:
@@ -88,15 +85,13 @@ def _advect(value: Any, chosen: Format, morph: Morph, exact_volume: bool) -> boo
     return True
 
 
-def _labels(value: Any, chosen: Format) -> str | None:
+def _labels(value: str | None, chosen: Format) -> str | None:
     """The setting ``labels``, which only the format that carries labels may have."""
-    if value is None:
-        return None
-    if not chosen.carries_labels:
+    if value is not None and not chosen.carries_labels:
         raise InputError(
             f"`labels` must come with `format=labels`, got {value} without it. Try `format=labels labels={value}`."
         )
-    return str(value)
+    return value
 
 
 def _content(loaded: LoadedMorph) -> str:

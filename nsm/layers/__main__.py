@@ -37,7 +37,6 @@ def main(cfg: DictConfig) -> None:
     """Read two surfaces, and write those that divide the shell between them."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     fractions = _fractions(config["layers"])
-    resolution = whole_number("resolution", config["resolution"], 8)
     use_threads(config)
     inner, outer = (_surface(config, side) for side in ("inner", "outer"))
     if inner.dim != outer.dim:
@@ -54,7 +53,9 @@ def main(cfg: DictConfig) -> None:
         def show(done: int, total: int) -> None:
             progress.update(done, total, "tracing columns" if done else None)
 
-        surfaces = equal_volume_surfaces(mesh, inner, outer, outer.exact_bounds(), [*fractions, 1.0], resolution, show)
+        surfaces = equal_volume_surfaces(
+            mesh, inner, outer, outer.exact_bounds(), [*fractions, 1.0], config["resolution"], show
+        )
     folder = Path(config["output"]) if config["output"] else Path("outputs") / "layers" / Path(config["inner"]).stem
     surfaces.insert(0, mesh)
     volumes = [enclosed_volume(surface) for surface in surfaces]

@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from nsm.cli import entry
 from nsm.cli.locks import only_writer_of_file
 from nsm.cli.progress import Progress
-from nsm.cli.settings import moment, moments, number, numbers, switch, use_threads, whole_number
+from nsm.cli.settings import moments, numbers, use_threads, whole_number
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder, retimed
 from nsm.morphs.surfaces import ExactVolume, Levels
 from nsm.plots.colors import color_function
@@ -43,33 +43,33 @@ def main(cfg: DictConfig) -> None:
 
 
 def _strip(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any], report: Report) -> None:
-    size, times = whole_number("size", config["size"], 16), moments("times", config["times"])
-    render_strip(file, _rows(loaded), times, size=size, look=_look(config), progress=report)
+    size = whole_number("size", config["size"], 16)  # not the width and height of a film
+    render_strip(file, _rows(loaded), moments("times", config["times"]), size=size, look=_look(config), progress=report)
 
 
 def _film(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any], report: Report) -> None:
-    seconds, hold, turns = (number(name, config[name]) for name in ("seconds", "hold", "turns"))
-    pace = Pace(seconds, hold, whole_number("fps", config["fps"], 1), switch("back", config["back"]), turns)
-    render_film(
-        file, _rows(loaded), pace=pace, size=numbers("size", config["size"]), look=_look(config), progress=report
-    )
+    pace = Pace(config["seconds"], config["hold"], config["fps"], config["back"], config["turns"])
+    size = numbers("size", config["size"])  # not the width of a picture of a strip
+    render_film(file, _rows(loaded), pace=pace, size=size, look=_look(config), progress=report)
 
 
 def _turntable(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any], report: Report) -> None:
-    time, seconds = moment("time", config["time"]), number("seconds", config["seconds"])
-    fps, size = whole_number("fps", config["fps"], 1), numbers("size", config["size"])
     render_turntable(
-        file, _rows(loaded), time, seconds=seconds, fps=fps, size=size, look=_look(config), progress=report
+        file,
+        _rows(loaded),
+        config["time"],
+        seconds=config["seconds"],
+        fps=config["fps"],
+        size=numbers("size", config["size"]),
+        look=_look(config),
+        progress=report,
     )
 
 
 def _slices(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any], report: Report) -> None:
-    plane = SlicePlane(str(config["axis"]), number("offset", config["offset"]))
-    times = moments("times", config["times"])
+    plane, times = SlicePlane(config["axis"], config["offset"]), moments("times", config["times"])
     report(0, 1)
-    plot_residual_slices(
-        file, _rows(loaded), times, plane, resolution=whole_number("resolution", config["resolution"], 16)
-    )
+    plot_residual_slices(file, _rows(loaded), times, plane, resolution=config["resolution"])
     report(1, 1)
 
 
@@ -83,14 +83,13 @@ KINDS = {
 
 
 def _look(config: Mapping[str, Any]) -> Look:
-    resolution = whole_number("resolution", config["resolution"], 8)
     return Look(
-        resolution,
+        config["resolution"],
         color_function(config["color"]),
-        _exact_levels(resolution) if switch("exact_volume", config["exact_volume"]) else zero_levels,
-        numbers("view", config["view"]),
-        numbers("up", config["up"]),
-        number("zoom", config["zoom"]),
+        _exact_levels(config["resolution"]) if config["exact_volume"] else zero_levels,
+        config["view"],
+        config["up"],
+        config["zoom"],
     )
 
 
