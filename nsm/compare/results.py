@@ -100,7 +100,8 @@ def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
     bare = replace(timed, steps=record.steps, terms=last_terms(job.folder), course=read_course(job.folder))
     try:
         names = sorted(("best", "last"), key=lambda name: name != job.checkpoint.stem)
-        file = readable_checkpoint(job.checkpoint.parent, names) or job.checkpoint
+        found = readable_checkpoint(job.checkpoint.parent, names)
+        file = job.checkpoint if found is None else found.file
         bare = replace(bare, checkpoint=str(file))
         key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends, "growth": job.growth}
         load = partial(load_run, job.name, file, study.ends, _growth(job.growth))

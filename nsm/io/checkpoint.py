@@ -21,7 +21,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -45,6 +45,13 @@ _FEWEST = 4096
 ENTRY = "nsm"
 #: Prefix of a morph's weights, after the attribute of the training task that holds it. Those of a shape have none.
 _MORPH_PREFIX = "morph."
+
+
+class Checkpoint(NamedTuple):
+    """A checkpoint that was read: its file, and the dictionary in it."""
+
+    file: Path
+    content: dict[str, Any]
 
 
 def describe(
@@ -125,11 +132,15 @@ def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu")
     Raises:
         InputError: If there is no such file, or it is incomplete, of another format, or not a checkpoint of a morph.
     """
-    file = find_checkpoint(path)
-    content = read_checkpoint(file)
-    morph = _restore(file, content, Morph, _MORPH_PREFIX, "morph")
-    morph.provenance = content[ENTRY].get("provenance", {})
-    return morph.to(device).eval().requires_grad_(False)
+    return restore_morph(open_checkpoint(path), device)
+
+
+def restore_morph(checkpoint: Checkpoint, device: str | torch.device = "cpu") -> Morph:
+    """Make the morph of a checkpoint that was read, as `load_morph` does."""
+    morph = _restore(checkpoint, Morph, _MORPH_PREFIX, "morph")
+    morph.provenance = checkpoint.content[ENTRY].get("provenance", {})
+    restored: Morph = morph.to(device).eval().requires_grad_(False)
+    return restored
 
 
 def load_shape(path: str | os.PathLike[str], pose: Pose = None) -> SirenShape:
@@ -142,8 +153,7 @@ def load_shape(path: str | os.PathLike[str], pose: Pose = None) -> SirenShape:
     Raises:
         InputError: If there is no such file, or it is incomplete, of another format, or not a checkpoint of a shape.
     """
-    file = find_checkpoint(path)
-    shape = _restore(file, read_checkpoint(file), SirenShape, "", "sdf")
+    shape = _restore(open_checkpoint(path), SirenShape, "", "sdf")
     return shape.transformed(Similarity.read(pose, shape.dim))
 
 
@@ -160,14 +170,30 @@ def find_checkpoint(path: str | os.PathLike[str]) -> Path:
         InputError: If there is no such file, or the folder holds only checkpoints that cannot be read.
     """
     path = Path(path)
-    if path.is_dir():
-        found = readable_checkpoint(path / "checkpoints", ("best", "last"))
-        if found is None:
-            raise InputError(
-                f"`checkpoint` must be a checkpoint or the folder of a run, got {path}, which has no "
-                "checkpoints/best.ckpt. Try the folder of a finished run."
-            )
-        return found
+    return _of_run(path).file if path.is_dir() else _existing(path)
+
+
+def open_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
+    """Read the checkpoint that `find_checkpoint` finds.
+
+    Raises:
+        InputError: If there is no such file, or it cannot be read.
+    """
+    path = Path(path)
+    return _of_run(path) if path.is_dir() else Checkpoint(_existing(path), read_checkpoint(path))
+
+
+def _of_run(folder: Path) -> Checkpoint:
+    found = readable_checkpoint(folder / "checkpoints", ("best", "last"))
+    if found is None:
+        raise InputError(
+            f"`checkpoint` must be a checkpoint or the folder of a run, got {folder}, which has no "
+            "checkpoints/best.ckpt. Try the folder of a finished run."
+        )
+    return found
+
+
+def _existing(path: Path) -> Path:
     if not path.is_file():
         raise InputError(
             f"`checkpoint` must be an existing file or folder, got {path}. Try the folder of a run, such as "
@@ -176,15 +202,15 @@ def find_checkpoint(path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def readable_checkpoint(folder: Path, names: Sequence[str]) -> Path | None:
-    """Find the first checkpoint of a run that can be read; a warning names those that cannot.
+def readable_checkpoint(folder: Path, names: Sequence[str]) -> Checkpoint | None:
+    """Read the first checkpoint of a run that can be read; a warning names those that cannot.
 
     Args:
         folder: Folder of the checkpoints.
         names: Names without the suffix, the preferred one first.
 
     Returns:
-        The file, or None if there is none.
+        The checkpoint, or None if there is none.
 
     Raises:
         InputError: If there are some, and none of them can be read.
@@ -194,13 +220,13 @@ def readable_checkpoint(folder: Path, names: Sequence[str]) -> Path | None:
         if not file.is_file():
             continue
         try:
-            read_checkpoint(file)
+            content = read_checkpoint(file)
         except InputError as error:
             unreadable = unreadable or error
             continue
         if unreadable is not None:
             log.warning("%s.ckpt in %s cannot be read, so %s is used", names[0], folder, file.name)
-        return file
+        return Checkpoint(file, content)
     if unreadable is not None:
         raise unreadable
     return None
@@ -248,16 +274,16 @@ def _require_provenance(file: Path, provenance: Any) -> None:
             )
 
 
-def _restore(file: Path, content: Mapping[str, Any], kind: type[Any], prefix: str, task: str) -> Any:
+def _restore(checkpoint: Checkpoint, kind: type[Any], prefix: str, task: str) -> Any:
     """Build the model that a checkpoint describes, and load the weights stored under a prefix.
 
     Args:
-        file: The checkpoint.
-        content: What it holds.
+        checkpoint: The checkpoint.
         kind: Class of which the model must be.
         prefix: Beginning of the names of its weights.
         task: Task whose runs write such checkpoints.
     """
+    file, content = checkpoint
     weights = content["state_dict"]
     try:
         described = content[ENTRY].get("model")

@@ -240,11 +240,11 @@ def load_morph(path: str | os.PathLike[str], device: str | torch.device = "cpu",
         >>> morph.volume(0.5)  # doctest: +SKIP
         0.2843
     """
-    ends, file = known_ends(ends), checkpoint.find_checkpoint(path)
-    network = checkpoint.load_morph(file, device)
-    content = {key: value for key, value in checkpoint.read_checkpoint(file).items() if key in ("nsm", "state_dict")}
-    exact = exact_ends(network, str(file)) if ends == "exact" else None
-    return TrainedMorph(exact or network, network, content, file_sha256(file))
+    ends, read = known_ends(ends), checkpoint.open_checkpoint(path)
+    network = checkpoint.restore_morph(read, device)
+    content = {key: read.content[key] for key in (checkpoint.ENTRY, "state_dict")}
+    exact = exact_ends(network, str(read.file)) if ends == "exact" else None
+    return TrainedMorph(exact or network, network, content, file_sha256(read.file))
 
 
 def load_official(name: str) -> TrainedMorph:

@@ -12,7 +12,7 @@ import lightning as L
 from lightning.pytorch.utilities.rank_zero import rank_zero_only
 
 from nsm.cli.errors import InputError
-from nsm.io.checkpoint import read_checkpoint, readable_checkpoint
+from nsm.io.checkpoint import ENTRY, Checkpoint, readable_checkpoint
 from nsm.train.callbacks import MorphWriter, StepTimes
 from nsm.train.summary import SUMMARY
 from nsm.train.tasks import Collapse, FieldData, FieldTask
@@ -85,7 +85,7 @@ def begun_checkpoint(folder: Path, config: dict[str, Any], resume: bool) -> Path
         require_same_run(checkpoint, config)
     elif is_first_process():
         (folder / SUMMARY).unlink(missing_ok=True)
-    return checkpoint
+    return None if checkpoint is None else checkpoint.file
 
 
 def is_finished(folder: Path) -> bool:
@@ -100,7 +100,7 @@ def write_results(trainer: L.Trainer, task: FieldTask) -> None:
             callback.on_train_end(trainer, task)
 
 
-def require_same_run(checkpoint: Path, config: dict[str, Any]) -> None:
+def require_same_run(checkpoint: Checkpoint, config: dict[str, Any]) -> None:
     """Require that the checkpoint to resume from was written with the same configuration.
 
     Args:
@@ -110,11 +110,11 @@ def require_same_run(checkpoint: Path, config: dict[str, Any]) -> None:
     Raises:
         InputError: If a setting other than ``resume`` and ``threads`` differs.
     """
-    before = read_checkpoint(checkpoint)["nsm"]["config"]
+    before = checkpoint.content[ENTRY]["config"]
     changed = sorted(_differences(before, config, "") - {"resume", "threads"})
     if changed:
         raise InputError(
-            f"`resume=true` must repeat the settings of the run in {checkpoint.parent.parent}, got another "
+            f"`resume=true` must repeat the settings of the run in {checkpoint.file.parent.parent}, got another "
             f"{', '.join(changed[:3])}. Try the command that started the run, or another `hydra.run.dir`."
         )
 

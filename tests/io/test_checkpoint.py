@@ -15,10 +15,12 @@ import nsm
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.fields import AdaDiv, Gaussian, ScalarSiren, VectorSiren
+from nsm.io import checkpoint
 from nsm.io.build import build
 from nsm.io.checkpoint import FORMAT, load_morph, read_checkpoint
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball
+from nsm.shapes.torch_files import load_torch
 
 MODEL: dict[str, Any] = {
     "_target_": "nsm.morphs.neural.NeuralMorph",
@@ -104,6 +106,16 @@ def test_points_or_times_of_another_shape_meet_a_sentence(file: Path) -> None:
         morph._spacetime(torch.rand(7, 3), 0.0)
     with pytest.raises(ValueError, match=r"`t` must be one time or have shape \(7,\), got \(5,\)\."):
         morph._spacetime(torch.rand(7, 2), torch.rand(5))
+
+
+def test_a_file_is_read_once(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "checkpoints").mkdir()
+    best = file.rename(tmp_path / "checkpoints" / "best.ckpt")
+    read: list[Path] = []
+    monkeypatch.setattr(checkpoint, "load_torch", lambda path, *words: read.append(path) or load_torch(path, *words))
+    nsm.load_morph(tmp_path)
+    nsm.load_morph(best)
+    assert read == [best, best]
 
 
 def test_a_folder_means_its_best_checkpoint_and_else_its_last(tmp_path: Path) -> None:
