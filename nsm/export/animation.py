@@ -31,13 +31,7 @@ class Animation(Format):
     """One file with all frames, and beside it a JSON file of the same name that describes them.
 
     Frames are kept in a hidden folder beside the file until it is complete, so that an interrupted export can resume.
-
-    Attributes:
-        suffixes: Suffixes of the file, with the dot; the first is the default.
     """
-
-    suffixes: tuple[str, ...]
-    is_file = True
 
     @abstractmethod
     def write_extracted(self, path: Path, frames: Iterable[Frame], request: Request) -> None:

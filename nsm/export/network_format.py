@@ -34,10 +34,9 @@ class NetworkFormat(Format):
 
     dims = (2, 3)
     holds_networks = True
-    is_file = True
 
     def __init__(self, name: str, write: Callable[[Path, Morph], None]) -> None:
-        self.name, self.write = name, write
+        self.name, self.write, self.suffixes = name, write, (f".{name}",)
 
     def export(self, request: Request) -> Path:
         refuse_surface_settings(request, self.name, "the fields")
@@ -46,7 +45,7 @@ class NetworkFormat(Format):
                 f"`coordinates` must be morph for `format={self.name}`, which holds the fields, got "
                 f"{request.coordinates}. Try `coordinates=morph`."
             )
-        path = one_file(request.output, (f".{self.name}",))
+        path = one_file(request.output, self.suffixes)
         with only_writer_of_file(path):
             self.write(path, request.morph)
         log.info("wrote the fields to %s (%.1f MB)", path, path.stat().st_size / 1e6)

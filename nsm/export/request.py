@@ -76,7 +76,7 @@ class Format(ABC):
         advects: Whether morphs with a velocity are advected unless the setting ``advect`` says otherwise.
         holds_networks: Whether it holds the networks of a morph, and not its surfaces.
         carries_labels: Whether it needs a volume of labels, the setting ``labels``.
-        is_file: Whether it is a single file, and not a folder.
+        suffixes: Suffixes of its file, with the dot, the default first; empty if it is a folder.
         resolution: Cells along the longest edge of the box unless the setting ``resolution`` says otherwise.
         coordinates: Coordinate system unless the setting ``coordinates`` says otherwise.
     """
@@ -85,7 +85,7 @@ class Format(ABC):
     advects: bool = False
     holds_networks: bool = False
     carries_labels: bool = False
-    is_file: bool = False
+    suffixes: tuple[str, ...] = ()
     resolution: int = 256
     coordinates: str = "morph"
 

@@ -31,8 +31,8 @@ from nsm.types import Morph
 if TYPE_CHECKING:
     from pxr import Usd, UsdGeom
 
-#: Suffixes of binary files, text files, and packages.
-SUFFIXES = (".usdc", ".usda", ".usdz")
+#: Suffixes of binary files, text files, packages, and files of any kind, which are written as binary ones.
+SUFFIXES = (".usdc", ".usda", ".usdz", ".usd")
 #: Time codes per second.
 RATE = 24.0
 #: Provenance of a shape from a scanner, whose coordinates are millimeters.

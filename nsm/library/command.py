@@ -14,19 +14,9 @@ from nsm.cli.errors import InputError
 from nsm.cli.groups import options
 from nsm.cli.settings import choice, nearest, whole_number
 from nsm.io.timing import read_timing
-from nsm.library.trained import FRAMES, RESOLUTION
+from nsm.library.trained import FRAMES, OUTPUTS, RESOLUTION
 from nsm.library.training import morph
 
-#: Suffixes of the output, with what is written; the empty one means a folder.
-OUTPUTS = {
-    "": "a folder of meshes",
-    ".glb": "an animated mesh",
-    ".mp4": "a film",
-    ".gif": "a film",
-    ".png": "a strip of pictures",
-    ".usd": "an animated mesh",
-    ".ckpt": "a checkpoint for the other commands",
-}
 #: Values of ``--symmetry``.
 PLANES = ("none", "x", "y", "z")
 _EXAMPLE = "nsm morph a.obj b.obj -o film.mp4"
@@ -95,11 +85,13 @@ def _parser() -> argparse.ArgumentParser:
         metavar="T,T,…",
         help="times of all shapes, from 0 to 1, such as 0,0.4,1 (default: evenly spaced)",
     )
-    kinds = ", ".join(suffix for suffix in OUTPUTS if suffix)
     parser.add_argument(
-        "-o", "--output", metavar="PATH", help=f"file that ends in {kinds}, or a folder for meshes; by default a folder"
-        " named after the first and the last shape",
-    )  # fmt: skip
+        "-o",
+        "--output",
+        metavar="PATH",
+        help=f"file that ends in {', '.join(OUTPUTS)}, or a folder for meshes; by default one named after the first "
+        "and the last shape",
+    )
     parser.add_argument("--budget", default="full", help="training budget, fast or full (default: %(default)s)")
     parser.add_argument(
         "--align",
@@ -173,10 +165,10 @@ def _output(given: argparse.Namespace) -> Path:
         return Path(f"{Path(given.shapes[0]).stem}_{Path(given.shapes[-1]).stem}")
     output = Path(given.output)
     suffix = output.suffix.lower()
-    if suffix not in OUTPUTS:
-        endings = ", ".join(known for known in OUTPUTS if known)
+    if suffix and suffix not in OUTPUTS:
         suggestion = output.with_suffix(nearest(suffix, OUTPUTS) or ".mp4")
         raise InputError(
-            f"`--output` must end in {endings}, or have no suffix, got {output}. Try `--output {suggestion}`."
+            f"`--output` must end in {', '.join(OUTPUTS)}, or have no suffix, got {output}. "
+            f"Try `--output {suggestion}`."
         )
     return output

@@ -16,7 +16,7 @@ from torch import Tensor
 from nsm.cli.errors import InputError
 from nsm.cli.settings import moment, moments, whole_number
 from nsm.export.formats import FORMATS
-from nsm.export.request import COORDINATES, Request
+from nsm.export.request import COORDINATES, Format, Request
 from nsm.export.surfaces import similarity_to
 from nsm.geometry.volume import volume
 from nsm.io import checkpoint, official
@@ -36,6 +36,9 @@ from nsm.types import Key, Morph, Networks, SignedDistance, Times
 RESOLUTION = 128
 #: Frames of an animation, of a folder of meshes, and pictures of a strip.
 FRAMES = 24
+_CHECKPOINT = ".ckpt"
+#: Suffixes of all files that `TrainedMorph.save` writes.
+OUTPUTS = (_CHECKPOINT, *FILMS, *PICTURES, *(suffix for format in FORMATS.values() for suffix in format.suffixes))
 
 
 class TrainedMorph(Morph):
@@ -168,13 +171,14 @@ class TrainedMorph(Morph):
     ) -> Path:
         """Write the morph in the format that the suffix of ``path`` names.
 
-        ============================  =====================================================
-        ``.ckpt``                     checkpoint that `load_morph` reads
-        ``.glb``, ``.usd``            animation of the surface for browsers and modeling programs
-        ``.mp4``, ``.gif``            film of the surface above its volume
-        ``.png``, ``.pdf``, ``.svg``  strip of pictures
-        no suffix                     folder of meshes, one PLY file per frame (OBJ in 2D)
-        ============================  =====================================================
+        ====================================  =====================================================
+        ``.ckpt``                             checkpoint that `load_morph` reads
+        ``.mp4``, ``.gif``                    film of the surface above its volume
+        ``.png``, ``.pdf``, ``.svg``          strip of pictures
+        ``.glb``, ``.usd``                    animation of the surface for browsers and modeling programs
+        ``.safetensors``, ``.pt2``, ``.onnx`` networks for programs
+        no suffix                             folder of meshes, one PLY file per frame (OBJ in 2D)
+        ====================================  =====================================================
 
         Args:
             path: File or folder to write; missing folders are made.
@@ -193,24 +197,33 @@ class TrainedMorph(Morph):
         """
         path = Path(path)
         suffix, times = path.suffix.lower(), moments("frames", whole_number("frames", frames, 1))
-        if suffix == ".ckpt":
+        if suffix == _CHECKPOINT:
             return self._save_checkpoint(path)
         pace = read_timing(timing)
-        morph = self._morph if pace is None else Retimed(self._morph, pace)
+        morph, network = (each if pace is None else Retimed(each, pace) for each in (self._morph, self.network))
         if suffix in FILMS:
             render_film(path, morph, pace=Pace(seconds=seconds), size=size, look=Look(resolution=resolution))
             return path
         if suffix in PICTURES:
             render_strip(path, morph, times, look=Look(resolution=resolution))
             return path
-        name = {"": "ply" if self.dim == 3 else "obj", ".usda": "usd", ".usdz": "usd"}.get(suffix, suffix[1:])
-        if name not in FORMATS or (suffix and not (FORMATS[name].is_file and self.dim in FORMATS[name].dims)):
-            endings = ".ckpt, .glb, .usd, .mp4, .gif, .png, or nothing for a folder of meshes"
-            raise InputError(f"`path` must end in {endings}, got {path}. Try `morph.save('morph.glb')`.")
+        format = self._format(path)
+        morph = network if format.holds_networks else morph
         identity = {"morph": self._identity, "exact": self._morph is not self.network, "timing": timing}
-        advect = FORMATS[name].advects and self.has_velocity
+        advect = format.advects and self.has_velocity
         request = Request(morph, path, times, resolution, advect=advect, seconds=seconds, identity=identity)
-        return FORMATS[name].export(request)
+        return format.export(request)
+
+    def _format(self, path: Path) -> Format:
+        """The format of a file by its suffix, or of a folder of meshes."""
+        suffix = path.suffix.lower()
+        for format in FORMATS.values():
+            if self.dim in format.dims and (suffix in format.suffixes or not suffix):
+                return format
+        raise InputError(
+            f"`path` must end in {', '.join(OUTPUTS)}, or in nothing for a folder of meshes, and hold a morph in "
+            f"{self.dim}D, got {path}. Try `morph.save('morph.mp4')`."
+        )
 
     def _save_checkpoint(self, path: Path) -> Path:
         if not self._content:

@@ -14,6 +14,7 @@ import trimesh
 from analytic import save, shrinking, turning
 
 import nsm
+from nsm.library.trained import OUTPUTS
 
 #: Networks, batches, and grids so small that a run takes seconds.
 TINY = {
@@ -147,6 +148,11 @@ def test_every_suffix_has_its_writer(loaded: nsm.TrainedMorph, tmp_path: Path) -
     assert loaded.save(tmp_path / "a.glb", **size).read_bytes()[:4] == b"glTF"
     assert imageio.imread(loaded.save(tmp_path / "a.gif", **size), index=None).shape[1:3] == (64, 64)
     assert imageio.imread(loaded.save(tmp_path / "a.png", **size)).std() > 10
+    assert loaded.save(tmp_path / "a.usd", **size).read_bytes()[:8] == b"PXR-USDC"
+    assert loaded.save(tmp_path / "a.safetensors", **size) == tmp_path / "a.safetensors"
+    assert {".ckpt", ".glb", ".gif", ".png", ".usd", ".safetensors"} < set(OUTPUTS)
+    with pytest.raises(nsm.InputError, match=r"^`path` must end in \.ckpt, .*\.onnx, or .* got .*a\.ply\. Try `"):
+        loaded.save(tmp_path / "a.ply")
 
 
 def test_a_morph_of_the_plane_has_a_volume_and_a_folder_of_curves(tmp_path: Path) -> None:
