@@ -28,16 +28,12 @@ class Choice(NamedTuple):
         file: Name of its file in ``conf/experiment`` or ``conf/method``.
         overrides: Further overrides of ``python -m nsm.train``.
         growth: Name of a file in ``conf/growth``, the change of volume with which a method's morph is evaluated.
-        judged_by: Figure of validation by which a method's learning rate is chosen. With ``val/error``, the best
-            checkpoint is measured; since that takes the volume for constant, a method of shapes with their own volumes
-            is judged by another, and its last checkpoint is measured.
     """
 
     name: str
     file: str
     overrides: tuple[str, ...]
     growth: str = "none"
-    judged_by: str = ERROR
 
 
 def read_choices(key: str, group: str, entries: Sequence[Any], further: Sequence[str] = ()) -> tuple[Choice, ...]:
@@ -86,5 +82,4 @@ def _choice(key: str, group: str, entry: Any, further: Sequence[str]) -> Choice:
         names = f"a list of entries whose names have letters, digits, and _ only and differ from {OFFICIAL}"
         raise invalid(key, names, name, f"[{{name: own, {group}: {example}}}]")
     growth = choice(f"{key}.growth", given.get("growth", "none"), known("growth"))
-    judged_by = choice(f"{key}.judged_by", given.get("judged_by", ERROR), VALIDATED)
-    return Choice(name, file, tuple(given.get("overrides") or ()), growth, judged_by)
+    return Choice(name, file, tuple(given.get("overrides") or ()), growth)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from nsm.cli.errors import InputError
 from nsm.cli.settings import choice, invalid, positive, whole_number
-from nsm.compare.choices import ERROR, Choice, read_choices
+from nsm.compare.choices import Choice, read_choices
 from nsm.compare.printed import Printed, read_printed
 from nsm.io.loading import known_ends
 from nsm.io.official import PAIRS
@@ -95,7 +95,6 @@ class Job(NamedTuple):
         folder: Folder of the run.
         rate: Learning rate; None for that of the recipe.
         growth: Name of the change of volume with which the morph is evaluated.
-        judged_by: Figure of validation by which its learning rate is chosen.
     """
 
     pair: str
@@ -105,12 +104,6 @@ class Job(NamedTuple):
     folder: Path
     rate: float | None = None
     growth: str = "none"
-    judged_by: str = ERROR
-
-    @property
-    def checkpoint(self) -> Path:
-        """Checkpoint that is measured: the best one, or the last one where ``val/error`` is not what counts."""
-        return self.folder / "checkpoints" / ("best.ckpt" if self.judged_by == ERROR else "last.ckpt")
 
     @property
     def name(self) -> str:
@@ -133,7 +126,7 @@ def read_study(config: Mapping[str, Any]) -> Study:
     return Study(
         str(config["name"]),
         read_choices("pairs", "experiment", config["pairs"]),
-        read_choices("methods", "method", config["methods"], ["growth", "judged_by"]),
+        read_choices("methods", "method", config["methods"], ["growth"]),
         seeds,
         _learning_rates(config["learning_rates"]),
         tuple(config["overrides"]),
@@ -203,7 +196,7 @@ def _job(study: Study, pair: Choice, method: Choice, seed: int, rate: float | No
         f"seed={seed}",
     )
     where = folder / f"seed_{seed}" if len(study.seeds) > 1 else folder
-    return Job(pair.name, method.name, seed, overrides, where, rate, method.growth, method.judged_by)
+    return Job(pair.name, method.name, seed, overrides, where, rate, method.growth)
 
 
 def _axis(given: Any) -> str:

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 
 from nsm.compare.choices import ERROR
-from nsm.compare.logs import read_course
 from nsm.compare.plan import Job, Rates
 from nsm.compare.record import DONE, FAILED, read_record
 from nsm.plots.tables import Cell, Column, Table
@@ -34,13 +33,9 @@ def best_rates(tries: Sequence[Job]) -> Rates:
 
 
 def error_of(job: Job) -> float:
-    """Figure by which a run is judged, at the checkpoint that is measured; infinite without one."""
-    if job.judged_by == ERROR:
-        file = job.folder / "summary.json"
-        error = json.loads(file.read_text()).get(ERROR) if file.is_file() else None
-    else:
-        course = read_course(job.folder)
-        error = course[-1][job.judged_by] if course else None
+    """Validation error of the best checkpoint of a run; infinite without one."""
+    file = job.folder / "summary.json"
+    error = json.loads(file.read_text()).get(ERROR) if file.is_file() else None
     return math.inf if error is None or not math.isfinite(error) else float(error)
 
 
@@ -51,9 +46,4 @@ def rates_table(pair: str, tries: Sequence[Job], methods: Sequence[str]) -> Tabl
     cells = {(job.method, names[job.rate]): Cell(error_of(job)) for job in ours if math.isfinite(error_of(job))}
     shown = [method for method in methods if any(job.method == method for job in ours)]
     columns = [Column(name, None) for name in names.values()]
-    return Table(
-        f"{pair}: validation error by learning rate, or the figure that a method is judged by, first seed",
-        columns,
-        shown,
-        cells,
-    )
+    return Table(f"{pair}: validation error by learning rate, first seed", columns, shown, cells)

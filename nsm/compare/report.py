@@ -15,7 +15,7 @@ import torch
 
 import nsm
 from nsm.cli.files import whole_file
-from nsm.compare.choices import ERROR, OFFICIAL
+from nsm.compare.choices import OFFICIAL
 from nsm.compare.course import course_table
 from nsm.compare.goals import goals_table
 from nsm.compare.paper import paper_lines, paper_table
@@ -144,7 +144,6 @@ def _page(
         f"nsm {facts['versions']['nsm']}, torch {facts['versions']['torch']}. Volumes on "
         f"{study.protocol.volume_resolution} cells along the box at {study.protocol.times} times, ends on "
         f"{study.protocol.surface_resolution}; the checkpoint of each run is best.ckpt"
-        + _of_last(study)
         + _of_rates(study)
         + (f"; seeds {', '.join(map(str, study.seeds))}: {_SEEDS}" if len(study.seeds) > 1 else "")
         + ". The best value of each column is in bold. `study.json` holds all results and settings.",
@@ -170,11 +169,6 @@ def _page(
     names = [f"[{name}](tables/{_slug(name)}.md)" for name in tables]
     tail += ["## All figures", "", "Each as .md, .csv, and .tex: " + ", ".join(names) + ".", ""] if names else []
     return "\n".join([*head, *sections, *tail])
-
-
-def _of_last(study: Study) -> str:
-    by_figure = {m.name: m.judged_by for m in study.methods if m.judged_by != ERROR}
-    return "".join(f" (last.ckpt of {name}, judged by {figure})" for name, figure in by_figure.items())
 
 
 def _of_rates(study: Study) -> str:

@@ -21,7 +21,7 @@ from nsm.compare.choices import OFFICIAL, Choice
 from nsm.compare.logs import last_terms, read_course
 from nsm.compare.plan import Job, Study, official_pair
 from nsm.compare.record import DONE, FAILED, read_record
-from nsm.io.checkpoint import readable_checkpoint
+from nsm.io.checkpoint import find_checkpoint
 from nsm.io.loading import PUBLISHED, LoadedMorph, load_published, load_run
 from nsm.metrics import Protocol, all_metrics, evaluate_morph
 from nsm.types import Morph
@@ -99,9 +99,7 @@ def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
     timed = _timed(bare, job.folder)
     bare = replace(timed, steps=record.steps, terms=last_terms(job.folder), course=read_course(job.folder))
     try:
-        names = sorted(("best", "last"), key=lambda name: name != job.checkpoint.stem)
-        found = readable_checkpoint(job.checkpoint.parent, names)
-        file = job.checkpoint if found is None else found.file
+        file = find_checkpoint(job.folder)
         bare = replace(bare, checkpoint=str(file))
         key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends, "growth": job.growth}
         load = partial(load_run, job.name, file, study.ends, _growth(job.growth))

@@ -108,6 +108,22 @@ def test_a_morph_that_is_its_end_shapes_has_no_error() -> None:
     assert found.beyond == 0
 
 
+@pytest.mark.parametrize(("radii", "wanted"), [((0.4, 0.6), 0.0), ((0.4, 0.4), 0.5**2 / 0.4**2 - 1)])
+def test_only_shapes_of_one_volume_want_it_in_between(radii: tuple[float, float], wanted: float) -> None:
+    """Disks of different areas are reached by any course; of one area, r = 0.5 halfway is as far off as its area."""
+
+    class Swelling(Balls):
+        def forward(self, x: Tensor) -> Tensor:
+            t, (start, end) = x[:, -1], radii
+            return x[:, :-1].norm(dim=1) - (start + (end - start) * t + 4 * (0.5 - (start + end) / 2) * t * (1 - t))
+
+    morph = NeuralMorph(Swelling((0.0, [0.0, 0.0], [0.0, 0.0])), None, *(Ball(r, [0.0, 0.0]) for r in radii))
+    found = validated(morph)
+    assert found.volume_error < 1e-3
+    assert found.volume_max == pytest.approx(max(0.5, radii[1]) ** 2 / 0.4**2 - 1, rel=1e-2)
+    assert found.drift == pytest.approx(wanted * math.sqrt(math.pi * 0.4**2) / 2, abs=1e-3)
+
+
 def test_a_leftover_is_seen_from_the_morph() -> None:
     """f keeps a second ball: every point of the end shapes lies on f's surface, so only looking back sees it."""
     radius, place = 0.1, [0.9, 0.0, 0.0]

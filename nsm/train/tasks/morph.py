@@ -33,7 +33,8 @@ class MorphTask(FieldTask):
       shapes, and |g| at points of the extracted surface of f at their times, which includes leftover pieces;
     - ``val/drift``, the displacement of the surface that causes the largest error of volume, r V^(1/d) / d with V the
       volume of the source and r the greater of ``val/volume_max`` (|V(t)/V(0) − 1|) and ``val/volume_error`` (the
-      relative difference between the volumes of f and of the shapes);
+      relative difference between the volumes of f and of the shapes), or ``val/volume_error`` alone for shapes of
+      different volumes, between which none is wanted;
     - ``val/leftover``, the root mean square distance of the surface from its main components, as many as the shapes
       before and after have, at the time when it is greatest; ``val/leftover_volume`` is the share of volume of the
       others, and ``val/components`` the most components at any time.

@@ -58,7 +58,8 @@ class Validation(NamedTuple):
         volume_std: Standard deviation over time of the volume, relative to that at t = 0.
         volume_max: Greatest deviation of the volume from that at t = 0, relative to it.
         volume_error: Greatest deviation of f's volume from that of a shape at its time, relative to it.
-        drift: Displacement of the surface that makes the greater of the last two, a length.
+        drift: Displacement of the surface that makes the greater of the last two, a length; where the shapes have
+            different volumes, none is wanted between them, and it is that of the last alone.
         components: Largest number of components at any of the times.
         leftover: Greatest volume share, and greatest distance, of components that neither the shape before nor the one
             after has.
@@ -110,6 +111,7 @@ class Validator:
         relative = volumes / (volumes[0] if volumes[0] > 0 else self.key_volumes[0])
         deviation = float((relative - relative[0]).abs().max()) if volumes[0] > 0 else 1.0
         error = float((volumes[self.at_keys] / self.key_volumes - 1).abs().max())
+        wrong = max(deviation, error) if self._have_one_volume else error
         leftovers = [piece.beyond(count) for piece, count in zip(pieces, self._expected(), strict=True)]
         self._warn_of_missing(volumes, step)
         return Validation(
@@ -120,7 +122,7 @@ class Validator:
             float(relative.std()),
             deviation,
             error,
-            max(deviation, error) * self._size / self.morph.dim,
+            wrong * self._size / self.morph.dim,
             max(piece.components for piece in pieces),
             Leftover(max(left.share for left in leftovers), max(left.distance for left in leftovers)),
         )
@@ -128,7 +130,7 @@ class Validator:
     @cached_property
     def resolution(self) -> int:
         """Cells along the training box that resolve all shapes, wherever they lie relative to the cells."""
-        true = [shape.volume() for shape in self._shapes]
+        true = self._true_volumes
         seen: dict[int, list[float]] = {}
         for resolution in (round(self._resolution * _MORE**times) for times in range(_TIMES_MORE + 1)):
             half_a_cell = (self.box[1] - self.box[0]) / resolution / 2
@@ -154,8 +156,19 @@ class Validator:
     @cached_property
     def key_volumes(self) -> Float[Tensor, " k"]:
         """Volumes (k,) of the shapes, measured like those of f; the true ones where the grid is too coarse."""
-        measured = [look.volume or shape.volume() for look, shape in zip(self._key_looks, self._shapes, strict=True)]
+        measured = [look.volume or true for look, true in zip(self._key_looks, self._true_volumes, strict=True)]
         return torch.tensor(measured, dtype=torch.double)
+
+    @cached_property
+    def _true_volumes(self) -> list[float]:
+        return [shape.volume() for shape in self._shapes]
+
+    @property
+    def _have_one_volume(self) -> bool:
+        """Whether the volumes of the shapes differ by no more than a grid can tell."""
+        return (
+            _greatest_error(self._true_volumes, self._true_volumes[:1] * len(self._true_volumes)) <= _VOLUME_TOLERANCE
+        )
 
     @property
     def _shapes(self) -> list[FieldShape]:
