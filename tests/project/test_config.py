@@ -171,6 +171,14 @@ def test_every_loss_is_a_sum_of_named_terms(name: str) -> None:
     assert "dirichlet" in loss.terms
 
 
+@pytest.mark.parametrize("name", ["nise", "insd"])
+def test_baselines_have_the_weights_of_the_default(name: str) -> None:
+    ours, theirs = (composed(f"loss={loss}").loss.terms for loss in ("ours", name))
+    weights = {key: node.get("term", node).weight for key, node in theirs.items() if key in ours}
+    assert weights == {key: ours[key].weight for key in weights}
+    assert {"level_set", "dirichlet", "surface", "neumann"} <= set(weights)
+
+
 @pytest.mark.parametrize("name", variants("field"))
 def test_every_kind_of_f_has_the_size_that_networks_have(name: str) -> None:
     cfg = composed(f"field={name}")
