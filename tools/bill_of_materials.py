@@ -21,7 +21,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import nsm
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 
 ROOT = Path(__file__).resolve().parents[1]
 BILL = ROOT / "sbom.cdx.json"
@@ -29,7 +29,7 @@ BILL = ROOT / "sbom.cdx.json"
 
 def main() -> None:
     """Write the bill."""
-    with whole_file(BILL) as temporary:
+    with atomic_write(BILL) as temporary:
         temporary.write_text(bill_of_materials())
     print(f"wrote {BILL.name}, {len(pins())} packages")
 

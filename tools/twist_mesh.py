@@ -15,7 +15,7 @@ import argparse
 import numpy as np
 import trimesh
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 
 
 def main() -> None:
@@ -28,7 +28,7 @@ def main() -> None:
     arguments = parser.parse_args()
     mesh = trimesh.load_mesh(arguments.mesh, process=False, maintain_order=True)
     points = twisted(mesh.vertices, "xyz".index(arguments.axis), np.radians(arguments.degrees))
-    with whole_file(arguments.twisted) as temporary:
+    with atomic_write(arguments.twisted) as temporary:
         trimesh.Trimesh(points, mesh.faces, process=False).export(temporary)
     print(f"wrote {arguments.twisted}: {len(points):,} vertices, twisted by {arguments.degrees:g} degrees")
 

@@ -25,7 +25,7 @@ def writing_to_cache() -> Iterator[None]:
     """Blame the cache and its setting for an error of writing into it.
 
     Raises:
-        InputError: If the block raises an error of the operating system, or one of `nsm.cli.files.whole_file`.
+        InputError: If the block raises an error of the operating system, or one of `nsm.cli.files.atomic_write`.
     """
     try:
         yield

@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
-from nsm.cli.groups import Group, describe, group_folders, options
+from nsm.cli.groups import Group, describe, group_folders, option_names
 from nsm.cli.overrides import names_file, shape_overrides
 from nsm.cli.settings import invalid, nearest
 
@@ -137,7 +137,7 @@ def _unparsed(argument: str, overrides: Sequence[str], command: str) -> str:
 def _unknown_option(folder: str, option: str, overrides: Sequence[str]) -> str:
     """The sentence for a group without such an option."""
     typed = next((o.partition("=")[0] for o in overrides if o.endswith(f"={option}")), folder)
-    known = options(folder)
+    known = option_names(folder)
     package = typed.partition("@")[2]
     if package and names_file(option):
         suggestion = " ".join(shape_overrides(package, option))
@@ -177,7 +177,7 @@ def _choose(group: Group, value: str) -> str:
     """The override that chooses what was meant by a value: an option by name, or a file."""
     if names_file(value):
         return " ".join(shape_overrides(str(group.package), value))
-    return f"{group.typed}={nearest(value, group.options) or group.chosen}"
+    return f"{group.typed}={nearest(value, group.option_names) or group.chosen}"
 
 
 def _value(name: str, overrides: Sequence[str]) -> str:

@@ -16,7 +16,7 @@ DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, e
 
 
 @contextmanager
-def whole_file(path: Path | str) -> Iterator[Path]:
+def atomic_write(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside ``path``, which is renamed to ``path`` when the block succeeds.
 
     A missing folder is created. If the block raises, the temporary file is removed and an older file stays; if the

@@ -41,9 +41,9 @@ class Group:
         return f"{'+' if self.added else ''}{self.folder}" + (f"@{self.package}" if self.package else "")
 
     @property
-    def options(self) -> list[str]:
+    def option_names(self) -> list[str]:
         """Names of all options."""
-        return options(self.folder)
+        return option_names(self.folder)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Description:
     settings: list[Setting]
 
 
-def options(folder: str) -> list[str]:
+def option_names(folder: str) -> list[str]:
     """Names of the options in a folder of ``conf``; empty if there is no such folder."""
     return sorted(file.stem for file in (CONF / folder).glob("*.yaml"))
 

@@ -33,10 +33,10 @@ def _groups(groups: list[Group]) -> list[str]:
     listed = set()
     for group in groups:
         lines += [f"  {group.typed}", *_block(group.says)]
-        if group.folder in listed or len(group.options) == 1:
+        if group.folder in listed or len(group.option_names) == 1:
             continue
         listed.add(group.folder)
-        shown = (f"*{name}" if name == group.chosen and not group.added else name for name in group.options)
+        shown = (f"*{name}" if name == group.chosen and not group.added else name for name in group.option_names)
         lines += _block(", ".join(shown))
     return lines
 

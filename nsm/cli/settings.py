@@ -14,7 +14,7 @@ from nsm.cli.errors import InputError
 
 #: Largest number of any setting; its square still fits into single precision.
 _LARGEST = 1e18
-#: Largest number of times that `moments` spreads from 0 to 1.
+#: Largest number of times that `morph_times` spreads from 0 to 1.
 _MOST_TIMES = 100_000
 
 
@@ -201,7 +201,7 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return names[found[0]] if found else None
 
 
-def moment(name: str, value: Any) -> float:
+def morph_time(name: str, value: Any) -> float:
     """Return a time of a morph, a number from 0 to 1.
 
     Raises:
@@ -210,7 +210,7 @@ def moment(name: str, value: Any) -> float:
     return fraction(name, value)
 
 
-def moments(name: str, value: Any) -> list[float]:
+def morph_times(name: str, value: Any) -> list[float]:
     """Return times of a morph, given as a list or as a number of times, evenly spaced from 0 to 1.
 
     Raises:

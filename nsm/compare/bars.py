@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.plots.curves import COLORS
 
 #: Height in inches of one bar, and of a panel without its bars.
@@ -51,5 +51,5 @@ def plot_bars(path: Path | str, panels: Mapping[str, Mapping[str, Mapping[str, f
             *figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(groups), frameon=False,
             fontsize="small",
         )  # fmt: skip
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.compare.choices import VALIDATED
 from nsm.compare.results import Result
 from nsm.compare.tabulate import by_column
@@ -96,7 +96,7 @@ def plot_courses(path: Path, results: Sequence[Result], methods: Sequence[str]) 
         axes.spines[["top", "right"]].set_visible(False)
     handles, names = grid[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=4, frameon=False, fontsize="x-small")
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary)
     return True
 

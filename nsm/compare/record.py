@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.compare.plan import Budget, Job
 
 #: States of a run before and during training, and after it.
@@ -59,7 +59,7 @@ def read_record(folder: Path) -> Record | None:
 
 def write_record(folder: Path, record: Record) -> None:
     """Write the record of a run."""
-    with whole_file(folder / "run.json") as temporary:
+    with atomic_write(folder / "run.json") as temporary:
         temporary.write_text(json.dumps(record._asdict(), indent=2) + "\n")
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 
 import nsm
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.compare.choices import OFFICIAL
 from nsm.compare.course import course_table
 from nsm.compare.goals import goals_table
@@ -71,7 +71,7 @@ def write_report(
     methods = [method.name for method in study.methods] + ([OFFICIAL] if study.official else [])
     pairs = [pair.name for pair in study.pairs]
     facts = _facts(study)
-    with whole_file(folder / "study.json") as temporary:
+    with atomic_write(folder / "study.json") as temporary:
         content = {**facts, "settings": settings, "rows": described(results)}
         temporary.write_text(json.dumps(content, indent=2) + "\n")
 
@@ -104,7 +104,7 @@ def write_report(
     page = folder / "README.md"
     paper = ["## Beside the paper", "", markdown(beside), *paper_lines(results, study.printed)] if beside.cells else []
     text = _page(study, facts, results, goals, by_figure, paper, sections, (folder / "times.png") in files)
-    with whole_file(page) as temporary:
+    with atomic_write(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return [page, folder / "study.json", *files]
 

@@ -16,7 +16,7 @@ from omegaconf import OmegaConf
 import nsm
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.compare.choices import OFFICIAL, Choice
 from nsm.compare.logs import last_terms, read_course
 from nsm.compare.plan import Job, Study, official_pair
@@ -146,7 +146,7 @@ def _evaluated(
             without = evaluate_morph(loaded.network, protocol, lambda stage: progress(f"{name} (network): {stage}"))
             network = without.to_dict()["figures"]
         kept = {"key": key, **result.to_dict(), "network_figures": network}
-        with whole_file(file) as temporary:
+        with atomic_write(file) as temporary:
             temporary.write_text(json.dumps(kept, indent=2) + "\n")
     curve = kept["volume"]
     volumes = [math.nan if v is None else v for v in curve["volumes"]]

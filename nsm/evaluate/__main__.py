@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from nsm.cli import entry
 from nsm.cli.locks import only_writer_of_folder
 from nsm.cli.progress import Progress
-from nsm.cli.settings import moments, use_threads
+from nsm.cli.settings import morph_times, use_threads
 from nsm.evaluate.tables import print_table
 from nsm.evaluate.writers import write_evaluations
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder
@@ -30,7 +30,7 @@ def main(cfg: DictConfig) -> None:
     """Load morphs, measure them, and write and print the results."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     protocol = Protocol(*(config[field.name] for field in fields(Protocol)))
-    times = moments("slices.times", config["slices"]["times"])
+    times = morph_times("slices.times", config["slices"]["times"])
     plane = SlicePlane(config["slices"]["axis"], config["slices"]["offset"])
     use_threads(config)
     named = load_morphs(config, "nsm.evaluate")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import nsm
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.evaluate.tables import markdown_table
 from nsm.metrics import Evaluation, Protocol, all_metrics
 from nsm.metrics.surface import SurfaceFigures
@@ -41,9 +41,9 @@ def write_evaluations(
         },
         "morphs": {name: {"origin": origins[name], **result.to_dict()} for name, result in results.items()},
     }
-    with whole_file(metrics) as temporary:
+    with atomic_write(metrics) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False))
-    with whole_file(table) as temporary:
+    with atomic_write(table) as temporary:
         temporary.write_text(markdown_table({name: result.figures() for name, result in results.items()}))
     _write_volumes(volumes, results)
     # relative to the wanted volume, so that a wanted growth does not show as a change
@@ -53,7 +53,7 @@ def write_evaluations(
 
 
 def _write_volumes(path: Path, results: Mapping[str, Evaluation]) -> None:
-    with whole_file(path) as temporary, temporary.open("w", newline="") as file:
+    with atomic_write(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["morph", "time", "volume", "error", "wanted", "deviation"])
         for name, result in results.items():

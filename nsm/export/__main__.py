@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
 from nsm.cli.errors import InputError
-from nsm.cli.settings import choice, moments, use_threads
+from nsm.cli.settings import choice, morph_times, use_threads
 from nsm.export.formats import FORMATS
 from nsm.export.request import Format, Request
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder, retimed
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> None:
     """Load a morph and write it in one format."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
-    times = moments("times", config["times"])
+    times = morph_times("times", config["times"])
     use_threads(config)
     if config["format"] is not None:
         choice("format", config["format"], FORMATS)

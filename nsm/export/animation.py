@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.locks import only_writer_of_file
 from nsm.export.manifest import Manifest, write_records
 from nsm.export.request import Format, Request, one_file
@@ -82,7 +82,7 @@ def _write_part(path: Path, frame: Frame, attributes: Attributes) -> None:
         simplices=frame.mesh.simplices.cpu().numpy(),
         normals=frame.normals.cpu().numpy(),
     )
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(data.getbuffer())
 
 

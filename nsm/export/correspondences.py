@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.io.mesh import write_mesh
 from nsm.shapes.textured import Attributes
 from nsm.types import SimplexMesh
@@ -54,7 +54,7 @@ def write_correspondences(
         source_in_file=in_files["source"].cpu().numpy(),
         target_in_file=in_files["target"].cpu().numpy(),
     )
-    with whole_file(folder / "correspondences.npz") as temporary:
+    with atomic_write(folder / "correspondences.npz") as temporary:
         temporary.write_bytes(data.getbuffer())
     log.info(
         "wrote correspondences.npz, source.%s, and target.%s to %s (distance between advected vertices and the target: "

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 import nsm
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.progress import Progress
 from nsm.export.request import Format, Request, refuse_surface_settings
 from nsm.geometry.grid import CHUNK, Lattice
@@ -81,7 +81,7 @@ class SampledFields(Format):
                 files.append(self.write(request.output, number, sampled))
                 progress.advance()
         record = {"nsm": nsm.__version__, "coordinates": request.coordinates, "unit": unit, "times": request.times}
-        with whole_file(request.output / RECORD) as temporary:
+        with atomic_write(request.output / RECORD) as temporary:
             temporary.write_text(json.dumps(record | {"files": files}, indent=1) + "\n")
         what, shape = "f and V" if morph.has_velocity else "f", " × ".join(map(str, lattice.shape))
         log.info("wrote %s on %s points at %d times to %s", what, shape, len(request.times), request.output)

@@ -11,7 +11,7 @@ import numpy as np
 
 import nsm
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.progress import Progress
 from nsm.export.request import Format, Request, refuse_surface_settings
 from nsm.export.surfaces import similarity_to
@@ -58,7 +58,7 @@ class InteriorPoints(Format):
             "determinants": traced.determinants[1:-1].cpu().numpy(),
             **{f"{end}_in_file": similarity_to(morph, end).apply(x).cpu().numpy() for end, x in ends},
         }
-        with whole_file(request.output / f"{NAME}.npz") as temporary:
+        with atomic_write(request.output / f"{NAME}.npz") as temporary:
             np.savez_compressed(temporary, **arrays)
         first = morph.wanted_volume(0.0)
         changes = [
@@ -67,7 +67,7 @@ class InteriorPoints(Format):
         ]
         reports = [report(time, change) for time, change in zip(request.times, changes[1:-1], strict=True)]
         record = {"nsm": nsm.__version__, "coordinates": request.coordinates, "points": len(points), "times": reports}
-        with whole_file(request.output / f"{NAME}.json") as temporary:
+        with atomic_write(request.output / f"{NAME}.json") as temporary:
             temporary.write_text(json.dumps(record, indent=1) + "\n")
         log.info("%s", in_words(changes[-1]))
         log.info("wrote %d points at %d times to %s", len(points), len(request.times), request.output)

@@ -10,7 +10,7 @@ import numpy as np
 
 import nsm
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.progress import Progress
 from nsm.export.request import Format, Request, refuse_surface_settings
 from nsm.io.label_files import labels_suffix, write_labels_like
@@ -75,7 +75,7 @@ class LabelVolumes(Format):
             "files": names,
             "volumes": {str(label): {"given": given, "at_times": later} for label, (given, *later) in volumes.items()},
         }
-        with whole_file(request.output / RECORD) as temporary:
+        with atomic_write(request.output / RECORD) as temporary:
             temporary.write_text(json.dumps(record, indent=1) + "\n")
         furthest = max(request.times, key=lambda time: abs(time - carried.start))
         log.info("the flow of V is accurate to %.2g voxels", carried.flow_error(furthest))

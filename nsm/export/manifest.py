@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import nsm
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 
 log = logging.getLogger(__name__)
 
@@ -112,7 +112,7 @@ def write_records(path: Path, settings: Mapping[str, Any], records: Mapping[int,
     """Write settings and frames as JSON."""
     frames = {str(number): records[number]._asdict() for number in sorted(records)}
     content = {"nsm": nsm.__version__, "settings": dict(settings), "frames": frames}
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from torch import Tensor
 
 from nsm.cli.extras import require
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.export.fields import SampledField
 
 
@@ -57,5 +57,5 @@ def _write(path: Path, values: Tensor, content: str, sampled: SampledField) -> N
     header |= {"space dimension": dim} if sampled.space is None else {"space": sampled.space}
     if sampled.unit is not None:
         header["space units"] = [sampled.unit] * dim
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         nrrd.write(str(temporary), values.cpu().numpy(), header)

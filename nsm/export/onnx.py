@@ -16,7 +16,7 @@ import torch
 
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.export.network_format import DESCRIPTION, traced
 from nsm.types import Morph
 
@@ -46,7 +46,7 @@ def write_onnx(path: Path | str, morph: Morph) -> None:
         ) from error
     assert model is not None  # guaranteed by dynamo=True
     model.model.metadata_props[DESCRIPTION] = json.dumps(described)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(model.model_proto.SerializeToString())
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import torch
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.export.network_format import DESCRIPTION, traced
 from nsm.types import Morph
 
@@ -31,5 +31,5 @@ def write_pt2(path: Path | str, morph: Morph) -> None:
     program = traced(networks)
     data = io.BytesIO()  # torch would abort the process on a full disk
     torch.export.save(program, data, extra_files={DESCRIPTION: json.dumps(networks.description)})
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(data.getbuffer())

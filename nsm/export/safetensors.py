@@ -12,7 +12,7 @@ from pathlib import Path
 from safetensors.torch import save
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.export.network_format import DESCRIPTION
 from nsm.types import Morph
 
@@ -43,5 +43,5 @@ def write_safetensors(path: Path | str, morph: Morph) -> None:
             f"`format` must be pt2 or onnx for a morph with {what}, which is a formula without weights, got "
             f"safetensors. Try `format=onnx`{instead}."
         )
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(save(networks.weights, metadata={DESCRIPTION: json.dumps(networks.description)}))

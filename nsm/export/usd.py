@@ -18,7 +18,7 @@ import torch
 import nsm
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.export.animation import Animation
 from nsm.export.request import Request
 from nsm.export.surfaces import similarity_to
@@ -153,7 +153,7 @@ def _stage(
     mesh = UsdGeom.Mesh.Define(stage, "/morph/surface")
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     yield mesh, [Usd.TimeCode(moment) for moment in moments]
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         layer = temporary.with_suffix(".usdc") if path.suffix.lower() == ".usdz" else temporary
         try:
             stage.GetRootLayer().Export(str(layer))

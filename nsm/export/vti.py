@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from nsm.cli.extras import require
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.export.fields import SampledField
 
 
@@ -48,7 +48,7 @@ def write_vti_fields(folder: Path, number: int, sampled: SampledField) -> list[s
     image.point_data.active_scalars_name = "f"
     image.field_data["TimeValue"] = [sampled.time]
     name = f"fields_{number:04d}.vti"
-    with whole_file(folder / name) as temporary:
+    with atomic_write(folder / name) as temporary:
         image.save(temporary)
     return [name]
 

@@ -28,7 +28,7 @@ from torch import Tensor, nn
 
 import nsm
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.io.build import build
 from nsm.shapes import FieldShape, Similarity, SirenShape
 from nsm.shapes.similarity import Pose
@@ -99,7 +99,7 @@ def write_content(path: Path, content: Mapping[str, Any]) -> None:
     """
     data = io.BytesIO()
     torch.save(dict(content), data)  # into memory, since torch reports a full disk as an error of its own
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(data.getbuffer())
 
 

@@ -19,7 +19,7 @@ from torch import Tensor
 
 import nsm
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.io.moving import is_closed, playing_times
 from nsm.io.palette import CLAY, linear_from_srgb
 from nsm.morphs.surfaces import Frame
@@ -200,7 +200,7 @@ class _Document:
                 f"{Path(path).name} must fit in 4 GiB, got {self._length / 2**30:.1f} GiB. Try fewer `times`, a lower "
                 "`resolution`, or `format=usd`."
             )
-        with whole_file(path) as temporary:
+        with atomic_write(path) as temporary:
             temporary.write_bytes(self.encode())
 
     def _material(self, attributes: Attributes, closed: bool) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nsm.cli.extras import require
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.shapes.volume_files import volume_suffix
 
 #: Entries of a NRRD header that follow from the values, or name a file of its own for them.
@@ -29,7 +29,7 @@ def write_labels_like(path: Path, template: Path, labels: np.ndarray) -> None:
         InputError: If a package that the format needs is not installed, or the file cannot be written.
     """
     write = _WRITERS[volume_suffix(template)]
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         write(temporary, template, labels)
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.geometry.topology import vertex_normals
 from nsm.shapes.textured import Attributes
 from nsm.types import SimplexMesh
@@ -62,7 +62,7 @@ def write_mesh(
     normals = vertex_normals(mesh) if normals is None else normals
     arrays = (_places(mesh.vertices), mesh.simplices.cpu().numpy(), _in_space(normals))
     data = encoders[path.suffix.lower()](*arrays, _extra(attributes))
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(data)
 
 

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
-from nsm.cli.groups import options
+from nsm.cli.groups import option_names
 from nsm.cli.settings import choice
 from nsm.io.build import build
 from nsm.morphs.timing import Table, Timing
@@ -51,6 +51,6 @@ def read_timing(value: TimingLike) -> Timing | None:
     """
     if not isinstance(value, str):
         return Table(value)
-    name = choice("timing", value, [option for option in options("timing") if option != _TABLE])
+    name = choice("timing", value, [option for option in option_names("timing") if option != _TABLE])
     config: Any = OmegaConf.to_container(OmegaConf.load(CONF / "timing" / f"{name}.yaml"))
     return build_timing(config)

@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 import nsm
 from nsm.cli import entry
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.progress import Progress
 from nsm.cli.settings import between, choice, increasing, use_threads, whole_number
 from nsm.geometry.layers import equal_volume_surfaces
@@ -114,7 +114,7 @@ def _require_nested(mesh: SimplexMesh, outer: FieldShape) -> None:
 def _write_record(path: Path, config: dict[str, Any], records: Sequence[dict[str, Any]]) -> None:
     names = ("inner", "inner_label", "outer", "outer_label", "resolution")
     content = {"nsm": nsm.__version__, **{name: config[name] for name in names}, "surfaces": records}
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n")
 
 

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from nsm.cli.errors import InputError
-from nsm.cli.groups import options
+from nsm.cli.groups import option_names
 from nsm.cli.settings import choice, nearest, whole_number
 from nsm.io.timing import read_timing
 from nsm.library.trained import FRAMES, OUTPUTS, RESOLUTION
@@ -40,8 +40,8 @@ def main(arguments: list[str]) -> None:
         InputError: If the command line or a shape cannot be used.
     """
     given = _parser().parse_args(arguments)
-    choice("budget", given.budget, options("budget"))
-    choice("align", given.align, options("align"))
+    choice("budget", given.budget, option_names("budget"))
+    choice("align", given.align, option_names("align"))
     choice("symmetry", given.symmetry, PLANES)
     whole_number("frames", given.frames, least=2, example=FRAMES)
     whole_number("resolution", given.resolution, least=8, example=RESOLUTION)

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.cli.settings import moment, moments, whole_number
+from nsm.cli.settings import morph_time, morph_times, whole_number
 from nsm.export.formats import FORMATS
 from nsm.export.request import COORDINATES, Format, Request
 from nsm.export.surfaces import similarity_to
@@ -123,7 +123,7 @@ class TrainedMorph(Morph):
                 f"`coordinates` must be {', '.join(COORDINATES[:-1])} or {COORDINATES[-1]}, got {coordinates}. "
                 "Try `coordinates='source'`."
             )
-        time, resolution = moment("t", t), whole_number("resolution", resolution, 2)
+        time, resolution = morph_time("t", t), whole_number("resolution", resolution, 2)
         back = similarity_to(self._morph, coordinates)
         frame = extract_frame(self._morph, time, resolution)
         vertices, normals = back.apply(frame.mesh.vertices.double()), back.rotate(frame.normals.double())
@@ -144,7 +144,7 @@ class TrainedMorph(Morph):
             resolution: Cells along the longest edge of the box.
             coordinates: Coordinates of the vertices, as for `mesh`.
         """
-        times = moments("count", whole_number("count", count, 1))
+        times = morph_times("count", whole_number("count", count, 1))
         return (self.mesh(time, resolution, coordinates) for time in times)
 
     def volume(self, t: float, resolution: int = RESOLUTION) -> float:
@@ -157,7 +157,7 @@ class TrainedMorph(Morph):
         Returns:
             The volume in units of the box to the power d.
         """
-        time, resolution = moment("t", t), whole_number("resolution", resolution, 2)
+        time, resolution = morph_time("t", t), whole_number("resolution", resolution, 2)
         return volume(partial(self._morph, t=time), self.bounds, resolution)
 
     def save(
@@ -196,7 +196,7 @@ class TrainedMorph(Morph):
             InputError: If the suffix is unknown, or the format cannot hold this morph.
         """
         path = Path(path)
-        suffix, times = path.suffix.lower(), moments("frames", whole_number("frames", frames, 1))
+        suffix, times = path.suffix.lower(), morph_times("frames", whole_number("frames", frames, 1))
         if suffix == _CHECKPOINT:
             return self._save_checkpoint(path)
         pace = read_timing(timing)

@@ -23,7 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.locks import scratch_folder
 from nsm.cli.overrides import literal
 from nsm.cli.settings import invalid, nearest
@@ -129,7 +129,7 @@ def _shape(place: str, shape: ShapeLike, folder: Path) -> list[str]:
         points = folder / f"{place}.npy"
         data = io.BytesIO()
         np.save(data, shape if isinstance(shape, np.ndarray) else np.asarray(shape.vertices))
-        with whole_file(points) as file:
+        with atomic_write(points) as file:
             file.write_bytes(data.getbuffer())
         return _from_file(place, "points", points)
     vertices, faces = (shape.vertices, shape.faces) if isinstance(shape, trimesh.Trimesh) else shape
@@ -167,7 +167,7 @@ def _landmarks(landmarks: LandmarksLike, folder: Path) -> list[str]:
             f"{' and '.join(str(points.shape) for points in arrays)}. Try the path of a CSV file."
         )
     file = folder / "landmarks.csv"
-    with whole_file(file) as temporary:
+    with atomic_write(file) as temporary:
         np.savetxt(temporary, np.hstack(arrays), fmt="%.17g", delimiter=",")
     return ["landmarks=table", f"landmarks.path={literal(str(file))}"]
 

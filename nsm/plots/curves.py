@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 
 #: Times and values of each line, by name.
 Curves = Mapping[str, tuple[Sequence[float], Sequence[float]]]
@@ -55,7 +55,7 @@ def write_volume_curve(path: Path | str, times: Tensor, volumes: Tensor) -> None
         times: Times, shape (k,).
         volumes: Volume at each time, shape (k,).
     """
-    with whole_file(path) as temporary, temporary.open("w", newline="") as file:
+    with atomic_write(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(VOLUME_COLUMNS)
         for row in volume_rows(times, volumes):
@@ -80,7 +80,7 @@ def plot_volume_curves(path: Path | str, curves: Mapping[str, tuple[Tensor, Tens
     margin = 0.08 * (highest - lowest)
     axes.set_ylim(lowest - margin, highest + margin)
     _share_legend(figure, axes)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary)
 
 
@@ -114,7 +114,7 @@ def plot_curves(path: Path | str, panels: Mapping[str, Curves], columns: int = 3
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
     _share_legend(figure, grid[0])
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary)
 
 

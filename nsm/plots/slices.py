@@ -19,7 +19,7 @@ from matplotlib.patheffects import withStroke
 from torch import Tensor
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.settings import choice, invalid
 from nsm.geometry.grid import Lattice, evaluate
 from nsm.metrics.residuals import eikonal_residual, level_set_residual
@@ -134,7 +134,7 @@ def plot_residual_slices(
     where = "" if dim == 2 else f",  {plane.axis} = {plane.offset:g}"
     for axis, time in zip(grid[0], times, strict=True):
         axis.set_title(f"t = {time:.3g}{where}", fontsize=8)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, facecolor="white")
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from nsm.cli.errors import InputError
 from nsm.cli.extras import MissingPackageError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.plots.flat import LevelSetDrawing
 from nsm.plots.look import LOOK, Look, camera_for, surface
 from nsm.plots.opengl import NoOpenGLError
@@ -92,7 +92,7 @@ def render_strip(
         axes[0].set_ylabel(name, fontsize=font)
     for axis, time in zip(grid[-1], times, strict=True):
         axis.set_xlabel(f"t = {time:.3g}", fontsize=font)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, facecolor="white")
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.metrics.metric import Metric
 from nsm.metrics.unit import MISSING, NUMBER, Unit
 
@@ -153,7 +153,7 @@ def write_table(stem: Path, table: Table) -> list[Path]:
     texts = {".md": f"{table.title}\n\n{markdown(table)}", ".csv": comma_separated(table), ".tex": latex(table)}
     files = [stem.with_name(stem.name + suffix) for suffix in texts]
     for file, text in zip(files, texts.values(), strict=True):
-        with whole_file(file) as temporary:
+        with atomic_write(file) as temporary:
             temporary.write_text(text, encoding="utf-8")
     return files
 

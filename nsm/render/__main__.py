@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from nsm.cli import entry
 from nsm.cli.locks import only_writer_of_file
 from nsm.cli.progress import Progress
-from nsm.cli.settings import moments, numbers, use_threads, whole_number
+from nsm.cli.settings import morph_times, numbers, use_threads, whole_number
 from nsm.io.loading import LoadedMorph, load_morphs, output_folder, retimed
 from nsm.morphs.surfaces import ExactVolume, Levels
 from nsm.plots.colors import color_function
@@ -44,7 +44,9 @@ def main(cfg: DictConfig) -> None:
 
 def _strip(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any], report: Report) -> None:
     size = whole_number("size", config["size"], 16)  # not the width and height of a film
-    render_strip(file, _rows(loaded), moments("times", config["times"]), size=size, look=_look(config), progress=report)
+    render_strip(
+        file, _rows(loaded), morph_times("times", config["times"]), size=size, look=_look(config), progress=report
+    )
 
 
 def _film(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any], report: Report) -> None:
@@ -67,7 +69,7 @@ def _turntable(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any],
 
 
 def _slices(file: Path, loaded: list[LoadedMorph], config: Mapping[str, Any], report: Report) -> None:
-    plane, times = SlicePlane(config["axis"], config["offset"]), moments("times", config["times"])
+    plane, times = SlicePlane(config["axis"], config["offset"]), morph_times("times", config["times"])
     report(0, 1)
     plot_residual_slices(file, _rows(loaded), times, plane, resolution=config["resolution"])
     report(1, 1)

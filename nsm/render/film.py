@@ -15,7 +15,7 @@ import numpy as np
 
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.settings import invalid, positive
 from nsm.plots.look import LOOK, Look
 from nsm.render.panel import LevelSetPanel, Panel, SurfacePanel, caption
@@ -200,7 +200,7 @@ def _write(
     """Draw every distinct frame once, and pass all frames to ffmpeg."""
     repeated = {frame for frame, count in Counter(frames).items() if count > 1}
     kept: dict[FilmFrame, bytes] = {}
-    with whole_file(path) as temporary, _encoder(path, temporary, size, fps) as encode:
+    with atomic_write(path) as temporary, _encoder(path, temporary, size, fps) as encode:
         for number, frame in enumerate(frames):
             if frame in kept:
                 pixels = zlib.decompress(kept[frame])

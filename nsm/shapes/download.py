@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from nsm.cli.cache import cache_folder, require_writable_cache, writing_to_cache
 from nsm.cli.errors import InputError
-from nsm.cli.files import DISK_ERRORS, whole_file
+from nsm.cli.files import DISK_ERRORS, atomic_write
 
 log = logging.getLogger(__name__)
 
@@ -105,7 +105,7 @@ def _download(entry: Entry) -> Path:
         log.warning("The cached %s is damaged and is downloaded again.", target)
     require_writable_cache()
     log.info("downloading %s", entry.url)
-    with writing_to_cache(), whole_file(target) as temporary:
+    with writing_to_cache(), atomic_write(target) as temporary:
         _retrieve(entry, temporary)
     return target
 

@@ -11,7 +11,7 @@ from nsm.io.checkpoint import write_content
 
 
 class WholeCheckpoints(TorchCheckpointIO):
-    """Writes checkpoints beside their place and renames them (`nsm.cli.files.whole_file`).
+    """Writes checkpoints beside their place and renames them (`nsm.cli.files.atomic_write`).
 
     Lightning's own class writes into the temporary folder and moves the file, which copies it over the old one where
     that folder is on another file system.

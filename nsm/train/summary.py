@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.progress import duration
 
 log = logging.getLogger(__name__)
@@ -56,7 +56,7 @@ class Summary:
             "training_s": self.training,
             **self.figures,
         }
-        with whole_file(folder / SUMMARY) as temporary:
+        with atomic_write(folder / SUMMARY) as temporary:
             temporary.write_text(json.dumps(content, indent=2) + "\n")
 
     def report(self, folder: Path) -> None:

@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.train.summary import FIGURES
 
 
@@ -32,7 +32,7 @@ class SweepSummary(Callback):
         names = list(dict.fromkeys(name for run in figures for name in run))
         runs = [str(file.parent.relative_to(folder)) for file in files]
         varied = _varied([_overrides(file.parent) for file in files])
-        with whole_file(folder / "summary.csv") as temporary, temporary.open("w", newline="") as table:
+        with atomic_write(folder / "summary.csv") as temporary, temporary.open("w", newline="") as table:
             writer = csv.writer(table)
             writer.writerow(["run", "varied", *names])
             for run, overrides, values in zip(runs, varied, figures, strict=True):

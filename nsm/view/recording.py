@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.io.loading import LoadedMorph
 from nsm.view.page import caption, one_dimension
 from nsm.view.pictures import PictureMaker, Settings
@@ -41,7 +41,7 @@ def record(
     dim = one_dimension(loaded)
     settings.check(morphs)
     makers = [PictureMaker(morph) for morph in morphs]
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         server = open_server("127.0.0.1", None)
         try:
             scene = Scene(server, [each.name for each in loaded], [Extent.of(morph) for morph in morphs], dim)

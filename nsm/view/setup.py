@@ -14,7 +14,7 @@ import numpy as np
 import viser
 
 from nsm.cli.errors import InputError
-from nsm.cli.groups import options
+from nsm.cli.groups import option_names
 from nsm.plots.curves import COLORS
 from nsm.view.clicks import Clicks
 from nsm.view.notice import Notice, styled
@@ -72,7 +72,7 @@ class Setup:
                 self._save = gui.add_button("Save as CSV", icon=viser.Icon.DOWNLOAD)
             with gui.add_folder("Training"):
                 self._budget = gui.add_dropdown("Budget", list(BUDGETS[3]), initial_value="fast")
-                self._align = gui.add_dropdown("Alignment", options("align"), initial_value="none")
+                self._align = gui.add_dropdown("Alignment", option_names("align"), initial_value="none")
                 self._begin = gui.add_button("Start training", icon=viser.Icon.PLAYER_PLAY_FILLED)
             self._picking.on_update(self._notice.guard(lambda event: self._listen()))
             self._undo.on_click(self._notice.guard(lambda event: self.undo()))
@@ -161,7 +161,7 @@ class Setup:
                 target.path,
                 source.dim,
                 self._budget.value if self._budget.value in budgets else next(iter(budgets)),
-                self._align.value if self._align.value in options("align") else "none",
+                self._align.value if self._align.value in option_names("align") else "none",
                 self.clicks.table() if clicked else None,
             )
 

@@ -77,7 +77,7 @@ def defaults(command: str) -> list[tuple[str, ...]]:
 def everything(command: str) -> list[tuple[str, ...]]:
     """The default choices, and each option of each group."""
     groups = [group for group in describe(command).groups if not group.added]
-    return [(), *((f"{group.typed}={option}",) for group in groups for option in group.options)]
+    return [(), *((f"{group.typed}={option}",) for group in groups for option in group.option_names)]
 
 
 @cache

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from nsm.cli import entry
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.log_format import LogFile
 
 
@@ -30,7 +30,7 @@ def test_a_command_that_is_terminated_removes_its_temporary_files(
     before = signal.getsignal(signal.SIGTERM)
 
     def write(arguments: list[str]) -> None:
-        with whole_file(tmp_path / "file.txt") as temporary:
+        with atomic_write(tmp_path / "file.txt") as temporary:
             temporary.write_text("half")
             os.kill(os.getpid(), signal.SIGTERM)
 

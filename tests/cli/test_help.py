@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import nsm.__main__ as program
-from nsm.cli.groups import describe, group_folders, options
+from nsm.cli.groups import describe, group_folders, option_names
 from nsm.cli.help import command_help
 
 COMMANDS = [command for command in program.COMMANDS if command != "morph"]
@@ -35,7 +35,7 @@ def test_help_of_training_describes_every_group_and_lists_its_options() -> None:
     assert {group.folder for group in description.groups} <= group_folders()
     for group in description.groups:
         assert f"  {group.typed}\n" in said
-        assert group.chosen in options(group.folder)
+        assert group.chosen in option_names(group.folder)
     assert "*adadiv, free, nise, none, nulldiv" in said
 
 

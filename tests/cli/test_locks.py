@@ -12,16 +12,16 @@ from pathlib import Path
 import pytest
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.locks import only_writer_of_file, only_writer_of_folder, scratch_folder
 
 _WRITE = """
 import sys, time
 from pathlib import Path
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.cli.locks import only_writer_of_file, only_writer_of_folder
 file = Path(sys.argv[1])
-with only_writer_of_folder(file.parent), only_writer_of_file(file), whole_file(file) as temporary:
+with only_writer_of_folder(file.parent), only_writer_of_file(file), atomic_write(file) as temporary:
     temporary.write_text("half")
     print("writing", flush=True)
     time.sleep(60)
@@ -60,13 +60,13 @@ def test_what_a_living_process_writes_is_left_alone_and_what_a_killed_one_left_i
 ) -> None:
     file = tmp_path / "folder" / "file.txt"
     before = sorted(file.parent.rglob("*"))
-    with whole_file(file.with_name("other.txt")) as temporary:
+    with atomic_write(file.with_name("other.txt")) as temporary:
         temporary.write_text("whole")
     assert sorted(file.parent.rglob("*")) == sorted([*before, file.with_name("other.txt")])
     writer.send_signal(signal.SIGKILL)
     writer.wait()
     assert sorted(file.parent.rglob("*")) == sorted([*before, file.with_name("other.txt")])
-    with whole_file(file) as temporary:
+    with atomic_write(file) as temporary:
         temporary.write_text("whole")
     assert sorted(path.name for path in file.parent.iterdir()) == ["file.txt", "other.txt"]
 
@@ -93,7 +93,7 @@ def test_many_writers_of_one_file_each_write_it_whole(tmp_path: Path) -> None:
 
     def write(text: str) -> None:
         for _ in range(10):
-            with whole_file(file) as temporary:
+            with atomic_write(file) as temporary:
                 temporary.write_text(text)
 
     threads = [threading.Thread(target=write, args=(text,)) for text in texts]
@@ -118,7 +118,7 @@ def test_a_file_that_is_too_large_for_its_disk_is_a_sentence_and_leaves_nothing(
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
     try:
         too_large = pytest.raises(InputError, match="must fit on its disk, got: File too large")
-        with too_large, whole_file(tmp_path / "file.txt") as temporary:
+        with too_large, atomic_write(tmp_path / "file.txt") as temporary:
             temporary.write_bytes(bytes(2000))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)

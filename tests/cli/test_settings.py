@@ -27,7 +27,7 @@ TEMPLATE = re.compile(r"^`[\w.]+` must be .+, got .+\. Try `.+`\.$")
         (settings.increasing, (), [0.0, 0.5, 1.0]),
         (settings.switch, (), False),
         (settings.choice, (["a", "b"],), "b"),
-        (settings.moments, (), [0.0, 1.0]),
+        (settings.morph_times, (), [0.0, 1.0]),
     ],
 )
 def test_valid_values_pass_unchanged(check: Any, arguments: tuple[Any, ...], value: Any) -> None:
@@ -52,8 +52,8 @@ def test_valid_values_pass_unchanged(check: Any, arguments: tuple[Any, ...], val
         (settings.increasing, (), [0.0, 0.0], "a list of increasing numbers"),
         (settings.switch, (), "yes", "true or false"),
         (settings.choice, (["clay", "position"],), "cley", "one of clay, position"),
-        (settings.moments, (), [0.0, 2.0], "a number of times or a list of times from 0 to 1"),
-        (settings.moments, (), 0, "a number of times or a list of times from 0 to 1"),
+        (settings.morph_times, (), [0.0, 2.0], "a number of times or a list of times from 0 to 1"),
+        (settings.morph_times, (), 0, "a number of times or a list of times from 0 to 1"),
     ],
 )
 def test_invalid_values_are_refused_in_one_form(
@@ -67,8 +67,8 @@ def test_invalid_values_are_refused_in_one_form(
 
 
 def test_a_number_of_times_is_spread_evenly() -> None:
-    assert settings.moments("times", 5) == [0.0, 0.25, 0.5, 0.75, 1.0]
-    assert settings.moments("times", 1) == [0.0]
+    assert settings.morph_times("times", 5) == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert settings.morph_times("times", 1) == [0.0]
 
 
 def test_the_nearest_name_is_suggested() -> None:

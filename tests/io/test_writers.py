@@ -12,7 +12,7 @@ from PIL import Image
 from problems import MOTIONS
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.geometry.meshing import extract_surface
 from nsm.io.mesh import write_mesh
 from nsm.plots.curves import plot_volume_curves, write_volume_curve
@@ -73,7 +73,7 @@ def test_unknown_formats_are_named(tmp_path, sphere):
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "file.txt"
     path.write_text("old")
-    with pytest.raises(OSError, match="No such"), whole_file(path) as temporary:
+    with pytest.raises(OSError, match="No such"), atomic_write(path) as temporary:
         temporary.rename(tmp_path / "no such" / "folder")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
@@ -82,7 +82,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
 def test_a_new_file_has_the_usual_permissions(tmp_path):
     mask = os.umask(0o022)
     try:
-        with whole_file(tmp_path / "file.txt") as temporary:
+        with atomic_write(tmp_path / "file.txt") as temporary:
             temporary.write_text("whole")
     finally:
         os.umask(mask)
@@ -91,9 +91,9 @@ def test_a_new_file_has_the_usual_permissions(tmp_path):
 
 def test_places_that_cannot_be_written_are_named(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="must be writable"), whole_file(tmp_path / "file" / "mesh.ply"):
+    with pytest.raises(InputError, match="must be writable"), atomic_write(tmp_path / "file" / "mesh.ply"):
         pass
-    with pytest.raises(InputError, match="got a folder"), whole_file(tmp_path):
+    with pytest.raises(InputError, match="got a folder"), atomic_write(tmp_path):
         pass
 
 

@@ -13,7 +13,7 @@ from lightning.pytorch.loggers import CSVLogger
 from lightning.pytorch.utilities.rank_zero import rank_zero_only
 from torch import Tensor
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 
 
 class CsvLog(CSVLogger):
@@ -65,7 +65,7 @@ class _Rows:
         writer = csv.DictWriter(text, sorted(set().union(*self.metrics)))
         writer.writeheader()
         writer.writerows(self.metrics)
-        with whole_file(self.file) as temporary:
+        with atomic_write(self.file) as temporary:
             temporary.write_text(text.getvalue(), newline="")
 
 

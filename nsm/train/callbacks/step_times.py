@@ -9,7 +9,7 @@ from typing import Any
 
 import lightning as L
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 
 #: Steps at the start of training that are not counted, while caches, memory, and preconditioners are set up.
 WARM_UP = 10
@@ -64,7 +64,7 @@ class StepTimes(L.Callback):
         if step_s is None:
             return
         times = {"training_s": self._seconds(), "step_s": step_s}
-        with whole_file(self.file) as temporary:
+        with atomic_write(self.file) as temporary:
             temporary.write_text(json.dumps(times, indent=2) + "\n")
 
     def _step_seconds(self) -> float | None:

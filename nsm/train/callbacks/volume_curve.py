@@ -7,7 +7,7 @@ from typing import Any
 
 import lightning as L
 
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.metrics import VolumeCurve
 from nsm.plots.curves import plot_volume_curves, write_volume_curve
 from nsm.train.callbacks.checkpoints import Checkpoints
@@ -45,7 +45,7 @@ class VolumeCurveLog(MorphWriter):
         if trainer.sanity_checking or not trainer.is_global_zero:
             return
         self._history.append((trainer.global_step, pl_module.volume_curve))
-        with whole_file(self.folder / "volume_history.csv") as temporary:
+        with atomic_write(self.folder / "volume_history.csv") as temporary:
             rows = [f"{step},{t:g},{v:.9g}" for step, c in self._history for t, v in _rows(c)]
             temporary.write_text("\n".join(["step,time,volume", *rows, ""]))
         self._show(trainer, pl_module.morph, *self._history[-1])

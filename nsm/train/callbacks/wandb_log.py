@@ -11,7 +11,7 @@ from lightning.pytorch.loggers import WandbLogger
 from lightning.pytorch.utilities.rank_zero import rank_zero_only
 
 from nsm.cli.errors import InputError
-from nsm.cli.files import whole_file
+from nsm.cli.files import atomic_write
 from nsm.io.gltf import write_glb_frames
 from nsm.metrics import VolumeCurve
 from nsm.morphs.surfaces import Frame
@@ -62,7 +62,7 @@ class WandbLog(WandbLogger, Tracker):
                 f"`logger=wandb` must be logged in to a server that answers, got: {str(error).rstrip('.')}. "
                 "Try `wandb login`, or `logger.wandb.offline=true` to write a run that `wandb sync` sends later."
             ) from error
-        with whole_file(self._kept_id) as temporary:
+        with atomic_write(self._kept_id) as temporary:
             temporary.write_text(f"{self.experiment.id}\n")
 
     def rewind(self, step: int) -> None:
