@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
+import trimesh
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from nsm.geometry.topology import vertex_normals
 from nsm.io.gltf import encode_glb
 from nsm.io.palette import CLAY
 from nsm.io.shape_file import read_shape
 from nsm.shapes import FieldShape, Shape, Similarity
-from nsm.shapes.sampling import unit_normals
 from nsm.types import SimplexMesh
 from nsm.view.flat import FlatShape, encode_flat
 from nsm.view.stage import Extent
 
 #: Number of points of a cloud that are shown, and half the edge of their squares in distances to the nearest point.
 _SQUARES, _HALF_EDGE = 10_000, 1.2
+#: Angle in radians between two triangles from which their edge looks sharp.
+_SHARP = math.radians(40)
 
 
 class Preview:
@@ -108,12 +112,16 @@ def _triangles(shape: Shape) -> FlatShape:
         assert isinstance(shape, FieldShape)  # all shapes in the plane have a field
         low, high = shape.bounds()
         return encode_flat(shape.surface(), shape, 0.0, float((high - low).max()))
-    mesh = shape.surface() if isinstance(shape, FieldShape) else _squares(shape)
-    # corners of their own, so that edges of the file stay sharp
-    corners = mesh.vertices[mesh.simplices.long()]
-    split = SimplexMesh(corners.reshape(-1, 3), torch.arange(3 * len(corners)).reshape(-1, 3))
-    normals = unit_normals(corners).repeat_interleave(3, dim=0)
-    return FlatShape(split, encode_glb(split, normals, torch.tensor(CLAY).expand(len(split.vertices), 3)))
+    mesh = _shaded(shape.surface()) if isinstance(shape, FieldShape) else _squares(shape)
+    normals, colors = vertex_normals(mesh), torch.tensor(CLAY).expand(len(mesh.vertices), 3)
+    return FlatShape(mesh, encode_glb(mesh, normals, colors))
+
+
+def _shaded(mesh: SimplexMesh) -> SimplexMesh:
+    """Split a surface along its sharp edges, so that they stay sharp where normals are interpolated."""
+    whole = trimesh.Trimesh(mesh.vertices.numpy(), mesh.simplices.numpy(), process=False)
+    split = trimesh.graph.smooth_shade(whole, angle=_SHARP)
+    return SimplexMesh(torch.from_numpy(split.vertices).float(), torch.from_numpy(split.faces).long())
 
 
 def _squares(cloud: Shape) -> SimplexMesh:

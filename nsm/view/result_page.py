@@ -17,7 +17,7 @@ from nsm.view.job import Job
 from nsm.view.notice import Notice
 from nsm.view.page import Viewer
 from nsm.view.pictures import Settings
-from nsm.view.server import clear
+from nsm.view.server import clear_panel
 
 
 class Viewing(NamedTuple):
@@ -44,21 +44,22 @@ class ResultPage:
         self, server: viser.ViserServer, loaded: LoadedMorph, viewing: Viewing, again: Callable[[], object], hint: str
     ) -> None:
         self.server, self._loaded, self._viewing = server, loaded, viewing
-        clear(server)
+        clear_panel(server)  # the surfaces of training stay until those of the morph replace them
         self._notice = Notice(server, hint)
         gui, guard = server.gui, self._notice.guard
         with gui.add_folder("Morph"):
             self._buttons = {
-                suffix: gui.add_button(f"Download {suffix.upper()}", icon=viser.Icon.DOWNLOAD)
+                suffix: gui.add_button(f"Download {suffix.upper()}", icon=viser.Icon.DOWNLOAD, disabled=True)
                 for suffix in (("glb", "mp4") if loaded.morph.dim == 3 else ("mp4",))
             }
             new = gui.add_button("New morph", icon=viser.Icon.ARROW_BACK_UP)
-        for suffix, button in self._buttons.items():
-            button.on_click(guard(partial(self.download, suffix)))
         new.on_click(guard(lambda event: again()))
         self._job: Job | None = None
         self._lock = threading.Lock()
         self.viewer = Viewer(server, [loaded], *viewing)
+        for suffix, button in self._buttons.items():
+            button.on_click(guard(partial(self.download, suffix)))
+            button.disabled = False
 
     @property
     def folder(self) -> Path:

@@ -22,7 +22,7 @@ from nsm.view.preview import Preview
 from nsm.view.server import clear
 from nsm.view.stage import Stage
 from nsm.view.training_run import BUDGETS, Choices
-from nsm.view.uploads import keep_upload, limit_uploads, too_large
+from nsm.view.uploads import DROP_AREAS, keep_upload, limit_uploads, too_large
 
 #: Names of the two shapes on the page.
 SIDES = ("First shape", "Second shape")
@@ -63,6 +63,7 @@ class Setup:
             with gui.add_folder("Shapes"):
                 self._uploads = [self._add_upload(side, order=2 * side) for side in (0, 1)]
                 self._files = [gui.add_html("", order=2 * side + 1) for side in (0, 1)]
+                gui.add_html(DROP_AREAS)
             with gui.add_folder("Landmarks"):
                 self._picking: Any = gui.add_checkbox(
                     "Pick by click", False, hint="Click the same point on both shapes"
@@ -198,12 +199,12 @@ class Setup:
         for side, preview in there:
             self._files[side].content = styled(f"{preview.path.name}: {preview.kind} in {preview.dim}D")
         self._notice.say(_READY if len(there) == 2 else _WELCOME)
-        self.server.scene.reset()
         self._surfaces, self._dots = [], {0: [], 1: []}
         if there:
             dim, extents = there[0][1].dim, [preview.extent for _, preview in there]
             self._stage = Stage(self.server, [SIDES[side] for side, _ in there], extents, dim)
             for side, preview in there:
+                self._stage.caption(self._place(side), f"t = {side}")
                 node = f"{Stage.folder(self._place(side))}/surface"
                 self._surfaces.append(self.server.scene.add_glb(node, preview.glb))
             for side, preview in there:
@@ -233,8 +234,20 @@ class Setup:
         self._dots[side].append((dot, label))
 
     def _report(self) -> None:
-        """Show how many landmarks there are."""
+        """Show how many landmarks there are, and enable the controls that have something to work on."""
         first, second = self.clicks.count(0), self.clicks.count(1)
-        self._counts.content = styled(
-            f"{min(first, second)} pairs ({first} on the first, {second} on the second shape)"
-        )
+        self._counts.content = styled(count_landmarks(first, second))
+        self._undo.disabled = self._save.disabled = not first + second
+        self._picking.disabled = self.previews == [None, None]
+        self._begin.disabled = None in self.previews
+
+
+def count_landmarks(first: int, second: int) -> str:
+    """Say how many landmarks are on the first and the second shape.
+
+    >>> count_landmarks(0, 0), count_landmarks(1, 1), count_landmarks(2, 2), count_landmarks(2, 1)
+    ('no pairs', '1 pair', '2 pairs', '2 on the first shape, 1 on the second')
+    """
+    if first != second:
+        return f"{first} on the first shape, {second} on the second"
+    return f"{first or 'no'} pair{'' if first == 1 else 's'}"

@@ -61,7 +61,7 @@ class Extent(NamedTuple):
 
 
 class Stage:
-    """Places for shapes on the page, side by side, each with a name above it and a caption below.
+    """Places for shapes on the page, side by side, each with a name above it and a caption below, and nothing else.
 
     Nodes added below `folder` are in the coordinates of that shape.
 
@@ -74,6 +74,7 @@ class Stage:
 
     def __init__(self, server: viser.ViserServer, names: Sequence[str], extents: Sequence[Extent], dim: int) -> None:
         self.server = server
+        server.scene.reset()
         self._turn = _rotation(_TURN[dim])
         extents = [extent.turned(_TURN[dim]) for extent in extents]
         size = np.max([extent.high - extent.low for extent in extents], axis=0)
@@ -121,7 +122,7 @@ class Stage:
     def _add_labels(self, number: int, name: str, extent: Extent, heights: tuple[float, float]) -> None:
         scene, outer = self.server.scene, self.folder(number).rpartition("/")[0]
         middle, (below, above) = (extent.low + extent.high) / 2, heights
-        position = (middle[0], above, middle[2])
+        position = (middle[0], above, extent.low[2])  # behind the shape, where the camera from above sees nothing of it
         scene.add_label(f"{outer}/name", name, position=position, anchor="bottom-center", font_screen_scale=1.15)
         position = (middle[0], below, extent.high[2])
         caption = scene.add_label(

@@ -106,9 +106,7 @@ class Studio:
                 if error is not None and not run.job.stopped:
                     self.again(error)
                 elif run.latest() is None:
-                    self.again(
-                        "Training must make a step before it keeps anything, got a stop before. Try to start it again."
-                    )
+                    self.again(_NOTHING)
                 else:
                     done = "Training was stopped." if error else "Training has finished."
                     loaded = load_run(run.folder.parent.name, find_checkpoint(run.folder), "exact")

@@ -32,6 +32,8 @@ _TIMES, _RESOLUTION = (0.0, 0.25, 0.5, 0.75, 1.0), 48
 _INTERVAL = 0.3
 #: Height of the plot of the loss in pixels.
 _PLOT = 150
+#: Space around it in pixels: above, right, below, left. Labels at the ends of the axes reach into it.
+_PADDING = (10, 12, 0, 4)
 
 
 class Picture(NamedTuple):
@@ -68,6 +70,8 @@ class TrainingPage:
                 scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True, distr=3)},
                 legend=uplot.Legend(show=False),
                 height=_PLOT,
+                padding=_PADDING,
+                visible=False,
             )
             stop = gui.add_button("Stop and keep", icon=viser.Icon.PLAYER_STOP_FILLED)
         stop.on_click(self._notice.guard(lambda event: self.stop()))
@@ -105,12 +109,13 @@ class TrainingPage:
     def _report(self) -> None:
         progress = self.run.progress()
         if progress is None:
-            self._status.content = styled(f"preparing the shapes: {self.run.job.last_line()}")
+            self._status.content = styled(": ".join(filter(None, ["preparing the shapes", self.run.job.last_line()])))
             return
         self._bar.value = 100 * progress.step / progress.steps
         self._status.content = styled(describe(progress))
         self._losses[progress.step] = progress.loss
         self._plot.data = np.array(list(self._losses), float), np.array(list(self._losses.values()))
+        self._plot.visible = True
         if "val/volume_max" in progress.figures:
             self._figures.content = styled(f"volume within ±{100 * progress.figures['val/volume_max']:.2g} %")
 
@@ -126,7 +131,6 @@ class TrainingPage:
             return
         names = [picture.name for picture in pictures]
         with self.server.atomic():
-            self.server.scene.reset()
             stage = Stage(self.server, names, [picture.extent for picture in pictures], morph.dim)
             for number, picture in enumerate(pictures):
                 stage.caption(number, picture.caption)
@@ -138,9 +142,13 @@ def describe(progress: TrainingProgress) -> str:
 
     >>> describe(TrainingProgress(120, 1000, 0.01234, {}, 75.0))
     'step 120 of 1000 · loss 0.0123 · 1 min 15 s left'
+    >>> describe(TrainingProgress(1000, 1000, 0.01234, {}, 0.0))
+    'step 1000 of 1000 · loss 0.0123 · measuring the morph'
     """
     parts = [f"step {progress.step} of {progress.steps}", f"loss {progress.loss:.3g}"]
-    if progress.left is not None:
+    if progress.step == progress.steps:
+        parts.append("measuring the morph")
+    elif progress.left is not None:
         parts.append(f"{duration(progress.left)} left")
     return " · ".join(parts)
 

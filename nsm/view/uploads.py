@@ -17,6 +17,20 @@ _KINDS = ("mesh", "points", "labels", "silhouette")
 #: Greatest length of the name of a file without its ending.
 _LONGEST = 40
 _MIB = 1 << 20
+#: Makes the file inputs that viser hides behind its buttons visible, as areas that take dropped files as every file
+#: input does. Should viser name them differently, the buttons remain.
+DROP_AREAS = """<style>
+div:has(> input[id^="file_upload_"]) { display: flex; flex-direction: column-reverse; position: relative; }
+div:has(> input[id^="file_upload_"])::before {
+  content: "or drop its file here"; position: absolute; bottom: 0; width: 100%; line-height: 2.6em; text-align: center;
+  font-size: 0.85em; opacity: 0.7; pointer-events: none;
+}
+input[id^="file_upload_"] {
+  display: block !important; box-sizing: border-box; width: 100%; height: 2.2em; margin-top: 0.3em; cursor: copy;
+  border: 1px dashed #adb5bd; border-radius: 0.25em; color: transparent;
+}
+input[id^="file_upload_"]::file-selector-button { display: none; }
+</style>"""
 
 
 def limit_uploads(server: viser.ViserServer, limit: int, refused: Callable[[str, InputError], None]) -> None:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
+
+from analytic import run_here
 
 from nsm.io.loading import LoadedMorph
+from nsm.view.job import Job
 from nsm.view.page import Viewer
 from nsm.view.pictures import Settings
 from nsm.view.result_page import Viewing
@@ -40,3 +46,15 @@ def studio_page(
             yield studio
         finally:
             studio.close()
+
+
+class JobHere(Job):
+    """A command of the page in this process, which saves the start of another; it has ended when it is there."""
+
+    def __init__(self, command: str, overrides: Sequence[str], log: Path) -> None:
+        self.command, self.log, self.stopped = command, log, False
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with log.open("w") as output, redirect_stdout(output), redirect_stderr(output):
+            code = run_here(import_module(f"nsm.{command}.__main__"), *overrides)
+        ended = SimpleNamespace(poll=lambda: code, wait=lambda timeout=None: code)
+        self._process = cast("subprocess.Popen[bytes]", ended)

@@ -16,23 +16,25 @@ import torch
 import trimesh
 import viser
 from analytic import run_here, save, sentence, turning
-from pages import studio_page
+from pages import JobHere, studio_page
 from runs import TINY
 from viser._messages import FileTransferPart, FileTransferStartUpload
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from nsm.cli.errors import InputError
+from nsm.io.checkpoint import load_morph
 from nsm.io.loading import load_run
 from nsm.shapes import LandmarkTable
 from nsm.view import __main__ as view
 from nsm.view.clicks import Clicks
-from nsm.view.pictures import Settings
+from nsm.view.pictures import PictureMaker, Settings
 from nsm.view.preview import Preview, first_hit
 from nsm.view.result_page import ResultPage, Viewing
 from nsm.view.server import page_address
 from nsm.view.setup import Setup
 from nsm.view.studio import Studio
+from nsm.view.training_page import strip
 from nsm.view.training_run import read_progress
 from nsm.view.uploads import safe_name
 
@@ -43,6 +45,13 @@ LIMIT = 1 << 20
 def studio(tmp_path: Path) -> Iterator[Studio]:
     with studio_page(tmp_path / "runs", limit=LIMIT) as studio:
         yield studio
+
+
+@pytest.fixture
+def jobs_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands of the page run in this process; `test_studio_browser.py` runs them as users do."""
+    monkeypatch.setattr("nsm.view.training_run.Job", JobHere)
+    monkeypatch.setattr("nsm.view.result_page.Job", JobHere)
 
 
 def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
@@ -240,41 +249,44 @@ def test_progress_is_read_while_rows_are_being_written(tmp_path: Path) -> None:
     assert progress == (20, 100, 0.125, {"val/error": 0.25}, None)
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_a_training_that_fails_says_why_on_the_page(studio: Studio) -> None:
     for side in (0, 1):
         studio.setup.receive(side, "a.stl", ball())
     studio._workplace = studio._workplace._replace(overrides=["steps=0"])
     studio.start(studio.setup.choices())
-    studio.start(studio.setup.choices())  # a second click changes nothing
-    until(lambda: studio.training is None, 120)
     until(lambda: "<code>steps</code> must be a positive integer, got 0" in studio.setup.said)
+    assert studio.training is None
     assert studio.result is None
-    assert len(list(studio._workplace.runs.rglob("output.log"))) == 1
 
 
-def test_a_stopped_training_keeps_its_morph(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("jobs_here")
+def test_a_training_in_the_plane_ends_with_its_morph(tmp_path: Path) -> None:
     few = [override for override in TINY if not override.startswith("callbacks.")]
-    long = [*few, "callbacks=none", "steps=100000", "trainer.log_every_n_steps=1", "validations=50000"]
-    with studio_page(tmp_path / "runs", long) as studio:
+    short = [*few, "callbacks=none", "steps=4", "validations=2", "trainer.log_every_n_steps=1", "optimizer.lr=1e-4"]
+    with studio_page(tmp_path / "runs", short) as studio:
         setup = studio.setup
         setup.receive(0, "disk.png", disk(tmp_path))
         setup.receive(1, "disk.png", disk(tmp_path))
         studio.start(setup.choices())
-        training = studio.training
-        assert training is not None
-        until(lambda: "of 100000" in training.status and training._shown)
-        training.stop()
         until(lambda: studio.result is not None)
         assert studio.result is not None
-        assert "Training was stopped." in studio.result.said
+        studio.start(setup.choices())  # a click that came late changes nothing
+        assert studio.training is None
+        assert "Training has finished." in studio.result.said
         until(lambda: len(studio.result.viewer.shown) == 1)
         kept = studio.result.folder
-        assert (kept / "shapes" / "source" / "disk.png").is_file()
         studio.again()
         assert [preview.path.name for preview in setup.previews if preview is not None] == ["disk.png"] * 2
-    assert (kept / "checkpoints" / "last.ckpt").is_file()
+    assert (kept / "shapes" / "source" / "disk.png").is_file()
+    progress = read_progress(kept)
+    assert progress is not None
+    assert (progress.step, progress.steps) == (4, 4)
+    pictures = strip(PictureMaker(load_morph(kept / "checkpoints" / "last.ckpt")))
+    assert [picture.name for picture in pictures] == ["t = 0", "t = 0.25", "t = 0.5", "t = 0.75", "t = 1"]
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_a_morph_is_downloaded_as_a_film(tmp_path: Path) -> None:
     (tmp_path / "run" / "checkpoints").mkdir(parents=True)
     file = save(turning(2, 1.0), tmp_path / "run" / "checkpoints" / "best.ckpt")

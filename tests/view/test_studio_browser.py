@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import imageio.v3 as imageio
@@ -21,19 +21,21 @@ from nsm.view.studio import Studio
 
 pytestmark = pytest.mark.usefixtures("no_complaints")
 
-SIZE: ViewportSize = {"width": 760, "height": 320}
+SIZE: ViewportSize = {"width": 620, "height": 240}
 #: Where the shapes are on a page of that size.
-FIRST, SECOND = (132, 205), (338, 190)
+FIRST, SECOND = (78, 150), (234, 150)
+#: Where the surfaces of a validation are on it.
+STRIP = [(x, 134) for x in (28, 88, 148, 207, 266)]
 #: Milliseconds that a step may take: without a graphics card, a picture of the page takes up to some seconds.
 PATIENCE = 120_000
-#: A training of a few steps with two validations.
-FEW = (*TINY, "callbacks=none", "steps=12", "validations=2", "trainer.log_every_n_steps=1", "optimizer.lr=1e-4")
+#: A training that only the button ends, with its first validation after a few steps.
+LONG = (*TINY, "callbacks=none", "steps=100000", "validations=2000", "optimizer.lr=1e-4")
 
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
-    few = [override for override in FEW if not override.startswith("callbacks.")]
-    with studio_page(tmp_path_factory.mktemp("runs"), few, resolution=16, times=3) as studio:
+    long = [override for override in LONG if not override.startswith("callbacks.")]
+    with studio_page(tmp_path_factory.mktemp("runs"), long, resolution=16, times=3) as studio:
         yield studio
 
 
@@ -41,11 +43,21 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
 def page(studio: Studio, open_page: Callable[..., Page]) -> Page:
     page = open_page(page_address(studio.server), SIZE)
     page.set_default_timeout(PATIENCE)
+    press(page.get_by_role("alert").get_by_role("button"))  # it warns that pictures are slow, and hides shapes
     return page
 
 
-def upload(page: Page, side: int, file: Path) -> None:
-    page.locator("input[type=file]").nth(side).set_input_files(file)
+def drop(page: Page, side: int, file: Path) -> None:
+    """Drag a file over the area of a shape and drop it there, as the browser's own input does."""
+    target = page.locator("input[type=file]").nth(side)
+    target.wait_for()
+    area = target.bounding_box()
+    assert area is not None
+    x, y = area["x"] + area["width"] / 2, area["y"] + area["height"] / 2
+    devtools = page.context.new_cdp_session(page)
+    data = {"items": [], "files": [str(file)], "dragOperationsMask": 1}
+    for kind in ("dragEnter", "dragOver", "drop"):
+        devtools.send("Input.dispatchDragEvent", {"type": kind, "x": x, "y": y, "data": data})
 
 
 def press(control: Locator) -> None:
@@ -53,15 +65,15 @@ def press(control: Locator) -> None:
     control.evaluate("element => element.click()")
 
 
-def wait_for_surfaces(page: Page, file: Path) -> None:
-    """Wait until surfaces, which are blue, are where the shapes should be."""
-    for _ in range(100):
+def wait_for_surfaces(page: Page, file: Path, places: Iterable[tuple[int, int]]) -> None:
+    """Wait until surfaces, which are blue, are at some places of the page."""
+    for _ in range(30):
         page.screenshot(path=file)
         pixels = imageio.imread(file)[..., :3].astype(int)
-        if all(pixels[y, x, 2] - pixels[y, x, 0] > 24 for x, y in (FIRST, SECOND)):
+        if all(pixels[y, x, 2] - pixels[y, x, 0] > 24 for x, y in places):
             return
         page.wait_for_timeout(200)
-    pytest.fail(f"the shapes do not appear: see {file}")
+    pytest.fail(f"the surfaces do not appear: see {file}")
 
 
 def test_from_two_files_to_a_morph(studio: Studio, page: Page, artefacts: Path, tmp_path: Path) -> None:
@@ -71,24 +83,26 @@ def test_from_two_files_to_a_morph(studio: Studio, page: Page, artefacts: Path, 
     ball.export(tmp_path / "ball.obj")
     egg.export(tmp_path / "my egg.stl")
 
-    upload(page, 0, tmp_path / "ball.obj")
-    upload(page, 1, tmp_path / "my egg.stl")
+    drop(page, 0, tmp_path / "ball.obj")
+    page.locator("input[type=file]").nth(1).set_input_files(tmp_path / "my egg.stl")
     for told in ("ball.obj: mesh in 3D", "my_egg.stl: mesh in 3D"):
         page.get_by_text(told).wait_for()
 
     press(page.get_by_role("checkbox"))
-    wait_for_surfaces(page, artefacts / "studio_files.png")
-    for number, place in enumerate((FIRST, SECOND)):
+    wait_for_surfaces(page, artefacts / "studio_files.png", (FIRST, SECOND))
+    for place, told in ((FIRST, "1 on the first shape, 0 on the second"), (SECOND, "1 pair")):
         page.mouse.move(*place)
         page.wait_for_timeout(300)
         page.mouse.click(*place)
-        page.get_by_text(f"(1 on the first, {number} on the second shape)").wait_for()
+        page.get_by_text(told).wait_for()
     page.screenshot(path=artefacts / "studio_landmarks.png")
 
     press(page.get_by_role("button", name="Start training"))
-    page.get_by_text(re.compile(r"step \d+ of 12 · loss")).wait_for()
-    page.screenshot(path=artefacts / "studio_training.png")
-    page.get_by_text("Training has finished.").wait_for()
+    page.get_by_text("volume within ±").wait_for()
+    assert re.search(r"step \d+ of 100000 · loss", page.inner_text("body"))
+    wait_for_surfaces(page, artefacts / "studio_training.png", STRIP)
+    press(page.get_by_role("button", name="Stop and keep"))
+    page.get_by_text("Training was stopped.").wait_for()
     page.get_by_text("all 3 surfaces are ready").wait_for()
     page.screenshot(path=artefacts / "studio_morph.png")
 
@@ -102,3 +116,6 @@ def test_from_two_files_to_a_morph(studio: Studio, page: Page, artefacts: Path, 
         press(page.get_by_role("button", name="Download GLB"))
     surface = trimesh.load(download.value.path(), file_type="glb", force="mesh")
     assert np.ptp(surface.vertices, axis=0) == pytest.approx([1.6] * 3, rel=0.5)
+
+    press(page.get_by_role("button", name="New morph"))
+    page.get_by_text("Both shapes are there.").wait_for()
