@@ -12,7 +12,9 @@ from folders import names, read_mesh
 from pygltflib import GLTF2
 
 from nsm.export import __main__ as export
+from nsm.export.formats import FORMATS
 from nsm.io.mesh import write_mesh
+from nsm.library.trained import RESOLUTION
 from nsm.morphs.neural import NeuralMorph
 from nsm.morphs.surfaces import extract_frame
 from nsm.shapes import primitive
@@ -95,6 +97,10 @@ def test_a_glb_of_a_morph_without_velocity_has_a_mesh_per_time(
     assert run_here(export, f"checkpoint={file}", "times=3", "resolution=12", "format=glb", "output=m.glb") == 0
     assert "has no velocity to advect a mesh, so each time is a mesh of its own" in sentence(capfd.readouterr().out)
     assert len(GLTF2().load("m.glb").meshes) == 3
+
+
+def test_an_animation_has_the_same_cells_from_every_command() -> None:
+    assert {FORMATS[name].resolution for name in ("glb", "usd")} == {RESOLUTION}
 
 
 @pytest.mark.parametrize("name", ["m.usdc", "m.usda", "folder"])
