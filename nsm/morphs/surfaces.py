@@ -23,8 +23,6 @@ log = logging.getLogger(__name__)
 
 #: Maps a time to the level of f to extract.
 Levels = Callable[[float], float]
-#: Absolute level, in units of length, above which the change of volume is too large to be corrected invisibly.
-LARGE_LEVEL = 0.01
 
 
 class Frame(NamedTuple):
@@ -107,22 +105,6 @@ class ExactVolume:
                 raise InputError(f"At t = {time:g}: {error}") from error
             self.levels[time] = found
         return self.levels[time]
-
-    @property
-    def largest(self) -> float:
-        """Greatest |c(t)| so far, 0 before the first."""
-        return max(map(abs, self.levels.values()), default=0.0)
-
-    @property
-    def concern(self) -> str | None:
-        """Warning for the user if some level so far was large, else None."""
-        if self.largest <= LARGE_LEVEL:
-            return None
-        time = max(self.levels, key=lambda t: abs(self.levels[t]))
-        return (
-            f"At t = {time:g} the surface had to be moved by {self.levels[time]:.3g} to have the wanted volume; more "
-            f"than {LARGE_LEVEL:g} is visible. Try to train longer, or another method."
-        )
 
 
 def initial_volume(morph: Morph) -> float:
