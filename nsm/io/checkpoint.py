@@ -19,7 +19,7 @@ import io
 import logging
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,17 +30,15 @@ import nsm
 from nsm.cli.errors import InputError
 from nsm.cli.files import atomic_write
 from nsm.io.build import build
-from nsm.shapes import FieldShape, Similarity, SirenShape
+from nsm.io.soundness import require_size, require_working
+from nsm.shapes import Similarity, SirenShape
 from nsm.shapes.similarity import Pose
-from nsm.shapes.simplices import SimplexShape
 from nsm.shapes.torch_files import is_state_dict, load_torch
 from nsm.types import Morph
 
 log = logging.getLogger(__name__)
 
 FORMAT = 2
-#: Sizes up to which a model may be built that has fewer weights, such as one between two formulas.
-_FEWEST = 4096
 #: Key of the entry in the dictionary of a checkpoint.
 ENTRY = "nsm"
 #: Prefix of a morph's weights, after the attribute of the training task that holds it. Those of a shape have none.
@@ -287,14 +285,14 @@ def _restore(checkpoint: Checkpoint, kind: type[Any], prefix: str, task: str) ->
     weights = content["state_dict"]
     try:
         described = content[ENTRY].get("model")
-        _require_size(described, weights)
+        require_size(described, weights)
         model: Any = build(described)
         if not isinstance(model, kind):
             raise InputError(
                 f"it must be the checkpoint of a run with `task={task}`, got a {type(model).__name__}. Try another run."
             )
         model.load_state_dict({k.removeprefix(prefix): v for k, v in weights.items() if k.startswith(prefix)})
-        _require_working(model)
+        require_working(model)
     except InputError as error:
         raise InputError(f"`{file}` cannot be loaded: {error}") from error
     except Exception as error:  # classes that get arguments from a stranger raise many types of exceptions
@@ -303,47 +301,6 @@ def _restore(checkpoint: Checkpoint, kind: type[Any], prefix: str, task: str) ->
             "of the run."
         ) from error
     return model
-
-
-def _require_size(node: Any, weights: Mapping[str, Tensor]) -> None:
-    """Require that no size in the description of a model exceeds the number of weights, before it is built."""
-    values = sum(value.numel() for value in weights.values())
-    for part in _groups(node):
-        sizes = {key: value for key, value in part.items() if type(value) is int}
-        width, depth = sizes.get("hidden_features", 1), sizes.get("hidden_layers", 1)
-        layers = width * max(width * (depth - 1), sizes.get("in_features", 1))
-        largest = max([layers, *(value for key, value in sizes.items() if key != "dim")], default=0)
-        if largest > max(values, _FEWEST) or depth > len(weights) or sizes.get("dim", 2) not in (2, 3):
-            raise InputError(
-                f"`model` must have sizes that fit its {values} weights, got {sizes}. Try another checkpoint."
-            )
-
-
-def _groups(node: Any) -> Iterator[Mapping[str, Any]]:
-    """All groups of arguments in nested ``_target_`` configs, but for the origin of shapes, which is only told."""
-    if isinstance(node, Mapping):
-        yield node
-        for key, value in node.items():
-            yield from () if key == "origin" else _groups(value)
-    elif isinstance(node, list):
-        for value in node:
-            yield from _groups(value)
-
-
-@torch.no_grad()
-def _require_working(model: Any) -> None:
-    """Require that a model and its end shapes can be evaluated, which parts of the wrong kind cannot."""
-    shapes = [key.shape for key in model.keys] if isinstance(model, Morph) else [model]
-    if any(not isinstance(shape, FieldShape) or shape.dim != model.dim for shape in shapes):
-        raise ValueError("its ends are no shapes of its dimension")
-    x = model.bounds if isinstance(model, Morph) else torch.zeros(2, model.dim)
-    # those with simplices need a search tree, and have required sound simplices
-    found = [shape(x) for shape in shapes if not isinstance(shape, SimplexShape)]
-    if isinstance(model, Morph):
-        found += [model(x, 0.5), model.gradient(x, 0.5)]
-        found += [model.velocity(x, 0.5)] if model.has_velocity else []
-    if not all(bool(value.isfinite().all()) for value in found):
-        raise ValueError("its fields are not finite at corners of the box")
 
 
 def _first_line(error: BaseException) -> str:
