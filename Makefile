@@ -25,10 +25,10 @@ demo: $(STAMP) ## train the default morph, two cylinders to a torus, into output
 	$(RUN) nsm.train hydra.run.dir=outputs/demo
 
 test: $(STAMP) $(GLTF) ## run all tests (WORKERS=2 side by side, PYTEST_ARGS for pytest)
-	$(RUN) pytest -q -n $(WORKERS) $(PYTEST_ARGS)
+	$(RUN) pytest -q -n $(WORKERS) --dist worksteal $(PYTEST_ARGS)
 
 coverage: $(STAMP) $(GLTF) ## run all tests and show the lines that none of them reaches (a quarter slower)
-	$(RUN) pytest -q -n $(WORKERS) --cov=nsm --cov-report=term-missing:skip-covered $(PYTEST_ARGS)
+	$(RUN) pytest -q -n $(WORKERS) --dist worksteal --cov=nsm --cov-report=term-missing:skip-covered $(PYTEST_ARGS)
 
 nightly: $(STAMP) $(GLTF) ## run all tests with all their tries, and write the table of docs/reliability.md (hours)
 	NSM_NIGHTLY=1 $(RUN) pytest -q $(PYTEST_ARGS)

@@ -126,7 +126,9 @@ def mark(config: Any) -> str:
 
     record = Path(config["folder"]) / "run.json"
     content = json.loads(record.read_text()) | {"state": "failed", "reason": f"marked by {os.getpid()}"}
-    record.write_text(json.dumps(content))
+    changed = record.with_suffix(".changed")  # the study reads the record meanwhile
+    changed.write_text(json.dumps(content))
+    changed.replace(record)
     return "failed"
 
 

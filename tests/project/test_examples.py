@@ -47,9 +47,9 @@ def meshes(tmp_path: Path) -> tuple[str, str]:
 
 
 def test_the_notebook_of_two_meshes_makes_its_files(tmp_path: Path, meshes: tuple[str, str]) -> None:
-    options = {"steps": 12, **TINY}
+    options = {"steps": 12, "ends": "network", **TINY}
     printed = run("two_meshes_to_film", tmp_path, source=meshes[0], target=meshes[1], options=options, resolution=16,
-                  seconds=0.1)  # fmt: skip
+                  seconds=0.1, size=(96, 64))  # fmt: skip
     assert any("True" in text for text in printed)
     assert all((tmp_path / f"morph.{suffix}").stat().st_size > 0 for suffix in ("ckpt", "glb", "gif"))
 
