@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import math
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,7 +17,7 @@ import pytest
 import torch
 import trimesh
 import viser
-from analytic import run_here, save, sentence, turning
+from analytic import FREQUENCY, run_here, save, sentence, shrinking
 from pages import JobHere, studio_page
 from runs import TINY
 from viser._messages import FileTransferPart, FileTransferStartUpload
@@ -287,20 +289,26 @@ def test_a_training_in_the_plane_ends_with_its_morph(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("jobs_here")
-def test_a_morph_is_downloaded_as_a_film(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("dim", "suffix", "offered"), [(2, "mp4", {"mp4"}), (3, "glb", {"glb", "mp4"})])
+def test_a_morph_is_downloaded_as_a_file(tmp_path: Path, dim: int, suffix: str, offered: set[str]) -> None:
     (tmp_path / "run" / "checkpoints").mkdir(parents=True)
-    file = save(turning(2, 1.0), tmp_path / "run" / "checkpoints" / "best.ckpt")
+    file = save(shrinking(dim, 0.1), tmp_path / "run" / "checkpoints" / "best.ckpt")
     sent: list[tuple[str, bytes]] = []
     client = SimpleNamespace(send_file_download=lambda name, content, save_immediately: sent.append((name, content)))
     with studio_page(tmp_path / "runs") as studio:
         viewing = Viewing(Settings(16), [0.0, 1.0], 0.1, 1 << 28)
         page = ResultPage(studio.server, load_run("a_b", file, "network"), viewing, lambda: None, "")
-        assert set(page._buttons) == {"mp4"}  # no GLB in the plane
-        page.download("mp4", SimpleNamespace(client=client))
+        assert set(page._buttons) == offered
+        assert not any(button.disabled for button in page._buttons.values())
+        page.download(suffix, SimpleNamespace(client=client))
         page.close()
     ((name, content),) = sent
-    assert name == "a_b.mp4"
-    assert content[4:8] == b"ftyp"
+    assert name == f"a_b.{suffix}"
+    if suffix == "mp4":
+        assert content[4:8] == b"ftyp"
+    else:
+        surface = trimesh.load(io.BytesIO(content), file_type="glb", force="mesh")
+        assert np.ptp(surface.vertices, axis=0) == pytest.approx([2 * math.acos(0.5) / FREQUENCY] * 3, rel=0.01)
 
 
 def test_the_command_without_a_morph_waits_for_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
