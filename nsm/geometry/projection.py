@@ -14,6 +14,8 @@ from nsm.types import Jet
 
 #: A point has converged when its remaining distance to the level is at most this fraction of the reach.
 _CONVERGED = 1e-2
+#: Multiple of the spacing of floating-point numbers below which a value cannot be told from the level.
+_ROUNDING = 8
 
 
 class Projected(NamedTuple):
@@ -33,12 +35,13 @@ def newton_to_level(
 ) -> tuple[Float[Tensor, "n d"], Jet]:
     """Move points toward {g = c} by Newton steps x ← x − (g − c) ∇g / ‖∇g‖², each at most ``reach`` long.
 
-    Three steps usually bring a point from within a cell of a grid to rounding error.
+    Three steps usually bring a point from within a cell of a grid to rounding error. A point that is there stays, and g
+    is not evaluated at it again.
 
     Args:
         jet: A function that returns value and gradient of g at points, shape (n, d).
         x: Points, shape (n, d).
-        steps: Number of steps.
+        steps: Maximum number of steps.
         reach: Maximum length of a step.
         level: The level c.
 
@@ -53,19 +56,30 @@ def newton_to_level(
         >>> points
         tensor([[0.5000, 0.0000, 0.0000]])
     """
-    moved, values, gradients = [], [], []
-    for chunk in x.split(CHUNK):
-        here = jet(chunk)
-        for _ in range(steps):
-            step = (here.value - level)[:, None] * here.gradient
-            step = step / here.gradient.square().sum(1, keepdim=True).clamp(min=1e-12)
-            length = step.norm(dim=1, keepdim=True).clamp(min=1e-12)
-            chunk = (chunk - step * (reach / length).clamp(max=1)).detach()
-            here = jet(chunk)
-        moved.append(chunk)
-        values.append(here.value.detach())
-        gradients.append(here.gradient.detach())
-    return torch.cat(moved), Jet(torch.cat(values), torch.cat(gradients))
+    parts = [_newton_steps(jet, chunk, steps, reach, level) for chunk in x.split(CHUNK)]
+    points, values, gradients = (torch.cat(part) for part in zip(*parts, strict=True))
+    return points, Jet(values, gradients)
+
+
+def _newton_steps(
+    jet: Callable[[Tensor], Jet], x: Tensor, steps: int, reach: float, level: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Positions after the steps, and value and gradient of g there."""
+    value, gradient = (part.detach() for part in jet(x))
+    x = x.detach().to(torch.promote_types(x.dtype, value.dtype))
+    rounding = _ROUNDING * torch.finfo(value.dtype).eps
+    for _ in range(steps):
+        away = ~((value - level).abs() <= rounding)  # values that are not finite too
+        if not away.any():
+            break
+        step = (value[away] - level)[:, None] * gradient[away]
+        step = step / gradient[away].square().sum(1, keepdim=True).clamp(min=1e-12)
+        length = step.norm(dim=1, keepdim=True).clamp(min=1e-12)
+        x = x.masked_scatter(away[:, None], x[away] - step * (reach / length).clamp(max=1))
+        there = jet(x[away])
+        value = value.masked_scatter(away, there.value.detach())
+        gradient = gradient.masked_scatter(away[:, None], there.gradient.detach())
+    return x, value, gradient
 
 
 @torch.no_grad()

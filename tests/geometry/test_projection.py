@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nsm.geometry.advection import RungeKutta, advect
 from nsm.geometry.meshing import extract_surface
-from nsm.geometry.projection import project_to_level
+from nsm.geometry.projection import newton_to_level, project_to_level
 from nsm.morphs.advected import LevelProjection
 from nsm.types import Jet
 
@@ -43,6 +43,22 @@ def test_what_cannot_be_projected_stays_and_is_reported() -> None:
     flat, stayed = project_to_level(lambda x: Jet(torch.ones(len(x)).to(x), torch.zeros_like(x)), x)
     assert bool(stayed.all())
     assert torch.equal(flat, x)
+
+
+def test_points_that_are_on_the_level_are_not_evaluated_again() -> None:
+    """One ball of two is a distance, at which a step arrives; the other is squared, and takes all steps."""
+    seen: list[int] = []
+
+    def jet(x: Tensor) -> Jet:
+        seen.append(len(x))
+        norm, far = x.norm(dim=1), x[:, 0] > 0
+        value = torch.where(far, norm.square() - 0.25, norm - 0.5)
+        return Jet(value, torch.where(far, 2.0, 1 / norm)[:, None] * x)
+
+    x = torch.tensor([[-0.5, 0.0], [-0.52, 0.0], [0.55, 0.0]], dtype=torch.float64)
+    points, _ = newton_to_level(jet, x, steps=3)
+    assert seen == [3, 2, 1, 1]
+    assert points[:, 0].tolist() == pytest.approx([-0.5, -0.5, 0.5], abs=1e-9)
 
 
 def test_projected_points_stay_on_a_surface_that_few_steps_would_lose() -> None:
