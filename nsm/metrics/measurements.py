@@ -26,9 +26,6 @@ from nsm.types import Morph, SimplexMesh
 
 #: Number of stages that `Measurements` reports besides one for each key of the morph.
 _STAGES = 6
-#: The surface that is advected has cells this many times as large; with the midpoints of its edges it has as many
-#: vertices as the others.
-_ADVECTED_COARSER = 2
 
 
 def stages(morph: Morph) -> int:
@@ -133,8 +130,7 @@ class Measurements:
         """Advection of the source surface by V; None for a morph without velocity."""
         meshes = self.meshes
         self._progress("advection of the source")
-        source = self._surface(0.0, self.protocol.volume_resolution // _ADVECTED_COARSER)
-        return check_advection(self.morph, source, self.times, meshes)
+        return check_advection(self.morph, meshes[0], self.times, meshes)
 
     @cached_property
     def landmarks(self) -> Float[Tensor, " k"] | None:

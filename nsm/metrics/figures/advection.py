@@ -15,7 +15,7 @@ def volume_drift(measured: Measurements) -> float | None:
 
 @MorphMetric.define("carried volume error", RELATIVE, Section.ADVECTION)
 def volume_error(measured: Measurements) -> float | None:
-    """Greatest error of the advected volumes, estimated from two meshes."""
+    """Greatest error of the advected volumes, estimated from two grids."""
     return None if measured.advection is None else measured.advection.error
 
 
