@@ -45,28 +45,23 @@ def refine_bends(
     for _ in range(rounds):
         if not len(triangles):
             break
-        edges, edge_of = edges_of(triangles)
+        edges, edge_of = _edges(triangles)
         start, end = edges.unbind(1)
         split = (normals[start] * normals[end]).sum(1) < math.cos(_BEND)
         middle = _onto_surface(vertices[start[split]], vertices[end[split]], field, gradient, level)
         number = torch.full((len(edges),), -1, device=triangles.device)
         number[split] = len(vertices) + torch.arange(len(middle), device=triangles.device)
-        triangles = split_edges(triangles, number[edge_of])
+        triangles = _split(triangles, number[edge_of])
         vertices = torch.cat([vertices, middle])
         normals = torch.cat([normals, normalize(gradient(middle), dim=1)])
     return SimplexMesh(vertices, triangles), normals
 
 
-def edges_of(simplices: Int[Tensor, "m d"]) -> tuple[Int[Tensor, "e 2"], Int[Tensor, "m s"]]:
-    """List all edges once, sorted, and for each triangle the numbers of its edges 01, 12, 20; a segment has one.
-
-    >>> edges_of(torch.tensor([[0, 1, 2], [2, 1, 3]]))[1].tolist()
-    [[0, 2, 1], [2, 3, 4]]
-    """
-    sides = 3 if simplices.shape[1] == 3 else 1
-    pairs = torch.stack([simplices, simplices.roll(-1, 1)], 2)[:, :sides].sort(2).values
-    edges, edge_of = pairs.reshape(-1, 2).unique(dim=0, return_inverse=True)
-    return edges, edge_of.view(-1, sides)
+def _edges(triangles: Int[Tensor, "m 3"]) -> tuple[Int[Tensor, "e 2"], Int[Tensor, "m 3"]]:
+    """List all edges once, and for each triangle the numbers of its edges 01, 12, and 20."""
+    pairs = torch.stack([triangles, triangles.roll(-1, 1)], 2).sort(2).values
+    edges, edge_of = pairs.view(-1, 2).unique(dim=0, return_inverse=True)
+    return edges, edge_of.view(-1, 3)
 
 
 def _onto_surface(
@@ -88,28 +83,8 @@ def _onto_surface(
     return middle + displacement * (max_distance / length).clamp(max=1)
 
 
-def split_edges(simplices: Int[Tensor, "m d"], middles: Int[Tensor, "m s"]) -> Int[Tensor, "k d"]:
-    """Split triangles, or segments, at new vertices of their edges.
-
-    >>> split_edges(torch.tensor([[0, 1], [1, 2]]), torch.tensor([[3], [-1]])).tolist()
-    [[1, 2], [0, 3], [3, 1]]
-
-    Args:
-        simplices: Indices of the vertices of each simplex, shape (m, d).
-        middles: Index of the new vertex of each edge in the order of `edges_of`, −1 for an edge that stays.
-    """
-    return (
-        _split_segments(simplices, middles[:, 0]) if simplices.shape[1] == 2 else _split_triangles(simplices, middles)
-    )
-
-
-def _split_segments(segments: Int[Tensor, "m 2"], middles: Int[Tensor, " m"]) -> Int[Tensor, "k 2"]:
-    chosen = middles >= 0
-    (start, end), middle = segments[chosen].unbind(1), middles[chosen]
-    return torch.cat([segments[~chosen], _rows(start, middle), _rows(middle, end)])
-
-
-def _split_triangles(triangles: Int[Tensor, "m 3"], middles: Int[Tensor, "m 3"]) -> Int[Tensor, "k 3"]:
+def _split(triangles: Int[Tensor, "m 3"], middles: Int[Tensor, "m 3"]) -> Int[Tensor, "k 3"]:
+    """Split triangles at the new vertices ``middles`` of their edges 01, 12, and 20; -1 marks an edge that stays."""
     is_split = middles >= 0
     count = is_split.sum(1)
     parts = [triangles[count == 0]]
@@ -135,5 +110,5 @@ def _rotated(rows: Int[Tensor, "n 3"], shift: Int[Tensor, " n"]) -> tuple[Tensor
     return first, second, third
 
 
-def _rows(*columns: Int[Tensor, " n"]) -> Int[Tensor, "n d"]:
+def _rows(*columns: Int[Tensor, " n"]) -> Int[Tensor, "n 3"]:
     return torch.stack(columns, 1)

@@ -65,12 +65,12 @@ def check_advection(
     """Advect the shape at the first time by V, without projection, and compare it with the morph.
 
     A flow φ whose divergence vanishes on the moving surface keeps the volume inside (theorem 1 of the paper), and one
-    that solves the level set equation stays on the surface of f. The vertices of the source are advected for the second.
-    For the first, the volume inside the advected surface is ∫ det Dφ over the inside Ω at the first time, with
+    that solves the level set equation stays on the surface of f, which the vertices of the source show. The volume
+    inside the advected surface is ∫ det Dφ over the inside at the first time, with
 
-        det Dφ(x, t) = exp ∫ div V(φ(x, s), s) ds,
+        det Dφ(x, t) = exp ∫ div V(φ(x, s), s) ds.
 
-    which needs no mesh that follows the surface where V stretches it. The integral is a sum over the middles of the cells
+    It needs no mesh that follows the surface where V stretches it. The integral is a sum over the middles of the cells
     of a grid, V_h, and of one that is twice as coarse, V_2h, in which cells at the surface count in part. By Richardson
     extrapolation
 
@@ -90,7 +90,8 @@ def check_advection(
         The comparison; None for a morph without velocity, or without a surface at the first time.
 
     References:
-        Liouville's formula, as in C. Chicone, Ordinary Differential Equations with Applications, 2006, §2.1.
+        J. Liouville, Note sur la théorie de la variation des constantes arbitraires, Journal de mathématiques pures et
+        appliquées 3, 1838, for the determinant.
     """
     if not len(source.simplices) or not morph.has_velocity:
         return None

@@ -10,7 +10,6 @@ from problems import Ball
 
 from nsm.geometry import topology
 from nsm.geometry.meshing import extract_surface
-from nsm.geometry.refinement import edges_of, split_edges
 from nsm.types import SimplexMesh
 
 CUBE = torch.tensor([[-1.0] * 3, [1.0] * 3], dtype=torch.float64)
@@ -92,24 +91,6 @@ def test_triangles_with_two_corners_in_one_place_change_no_curvature():
     cut = SimplexMesh(twice, torch.tensor(split))
     assert topology.euler_number(cut) == 2
     assert float(topology.total_curvatures(cut).sum()) == pytest.approx(4 * math.pi)
-
-
-@pytest.mark.parametrize("bounds", [SQUARE, CUBE])
-def test_finer_pieces_are_the_same_surface(bounds):
-    mesh = extract_surface(two_balls, bounds, 24)
-    edges, edge_of = edges_of(mesh.simplices)
-    ends = mesh.vertices[edges]
-    for chosen in (
-        torch.rand(len(edges), generator=torch.Generator().manual_seed(0)) < 0.4,
-        torch.ones(len(edges)) > 0,
-    ):
-        number = torch.where(chosen, len(mesh.vertices) + chosen.cumsum(0) - 1, -1)
-        fine = SimplexMesh(
-            torch.cat([mesh.vertices, ends[chosen].mean(1)]), split_edges(mesh.simplices, number[edge_of])
-        )
-        for figure in (topology.measure, topology.enclosed_volume, topology.euler_number, topology.component_count):
-            assert figure(fine) == pytest.approx(figure(mesh))
-    assert len(fine.simplices) == 2 ** (bounds.shape[1] - 1) * len(mesh.simplices)
 
 
 def test_measures_of_components_come_largest_first():
