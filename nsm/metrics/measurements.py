@@ -26,6 +26,8 @@ from nsm.types import Morph, SimplexMesh
 
 #: Number of stages that `Measurements` reports besides one for each key of the morph.
 _STAGES = 6
+#: The surface that is advected has cells this many times as large, as its vertices need not be many.
+_ADVECTED_COARSER = 2
 
 
 def stages(morph: Morph) -> int:
@@ -130,7 +132,8 @@ class Measurements:
         """Advection of the source surface by V; None for a morph without velocity."""
         meshes = self.meshes
         self._progress("advection of the source")
-        return check_advection(self.morph, meshes[0], self.times, meshes)
+        source = self._surface(0.0, self.protocol.volume_resolution // _ADVECTED_COARSER)
+        return check_advection(self.morph, source, self.times, meshes)
 
     @cached_property
     def landmarks(self) -> Float[Tensor, " k"] | None:
