@@ -16,8 +16,6 @@ from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.topology import enclosed_volume, measure
 from nsm.types import Morph, SimplexMesh
 
-#: Cells along the box of the finer grid on which the volume inside the advected surface is integrated, by dimension.
-CELLS = {2: 128, 3: 48}
 #: Relative difference of two volumes that the errors of both may cause.
 SLACK = 0.02
 
@@ -60,7 +58,7 @@ class AdvectionCheck(NamedTuple):
 
 
 def check_advection(
-    morph: Morph, source: SimplexMesh, times: Sequence[float], meshes: Sequence[SimplexMesh]
+    morph: Morph, source: SimplexMesh, times: Sequence[float], meshes: Sequence[SimplexMesh], resolution: int
 ) -> AdvectionCheck | None:
     """Advect the shape at the first time by V, without projection, and compare it with the morph.
 
@@ -85,6 +83,7 @@ def check_advection(
         source: Surface of the morph at the first time, which is advected.
         times: Increasing times, k of them.
         meshes: Surface of the morph at each time, for comparison.
+        resolution: Cells along the longest edge of ``morph.bounds`` of the finer grid.
 
     Returns:
         The comparison; None for a morph without velocity, or without a surface at the first time.
@@ -100,7 +99,7 @@ def check_advection(
         DistanceSummary.of(closest_points(points, mesh).distances) if len(mesh.simplices) else None
         for points, mesh in zip(moved, meshes, strict=True)
     ]
-    volumes, errors = _advected_volumes(morph, times)
+    volumes, errors = _advected_volumes(morph, times, resolution)
     if not _agree(volumes, source, meshes, distances):
         of_mesh = _relative_volumes([SimplexMesh(x, source.simplices) for x in moved], source).to(volumes)
         volumes, errors = of_mesh, (of_mesh - volumes).abs()
@@ -129,10 +128,11 @@ def _relative_volumes(meshes: Sequence[SimplexMesh], source: SimplexMesh) -> Flo
 
 
 @torch.no_grad()
-def _advected_volumes(morph: Morph, times: Sequence[float]) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"]]:
+def _advected_volumes(
+    morph: Morph, times: Sequence[float], resolution: int
+) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"]]:
     """Volumes inside the advected surface over that at the first time, and their estimated errors."""
-    cells = CELLS[morph.dim]
-    rough, fine = (_mean_determinants(morph, times, resolution) for resolution in (cells // 2, cells))
+    rough, fine = (_mean_determinants(morph, times, cells) for cells in (max(resolution // 2, 1), resolution))
     return fine + (fine - rough) / 3, (fine - rough).abs() / 3
 
 

@@ -26,7 +26,7 @@ from nsm.types import Morph, SimplexMesh
 
 #: Number of stages that `Measurements` reports besides one for each key of the morph.
 _STAGES = 6
-#: The surface that is advected has cells this many times as large, as its vertices need not be many.
+#: What is advected, the surface and the points inside, has cells this many times as large as the grid of volumes.
 _ADVECTED_COARSER = 2
 
 
@@ -132,8 +132,9 @@ class Measurements:
         """Advection of the source surface by V; None for a morph without velocity."""
         meshes = self.meshes
         self._progress("advection of the source")
-        source = self._surface(0.0, self.protocol.volume_resolution // _ADVECTED_COARSER)
-        return check_advection(self.morph, source, self.times, meshes)
+        resolution = self.protocol.volume_resolution // _ADVECTED_COARSER
+        source = self._surface(0.0, resolution)
+        return check_advection(self.morph, source, self.times, meshes, resolution)
 
     @cached_property
     def landmarks(self) -> Float[Tensor, " k"] | None:

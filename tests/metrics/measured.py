@@ -28,7 +28,7 @@ def meshes_of(morph, times, resolution):
 
 def advected(morph, times, resolution):
     meshes = meshes_of(morph, times, resolution)
-    return check_advection(morph, meshes[0], times, meshes)
+    return check_advection(morph, meshes[0], times, meshes, resolution)
 
 
 class Still(Morph):

@@ -78,4 +78,4 @@ def test_without_velocity_or_surface_nothing_is_carried():
     assert advected(morph, [0.0, 1.0], 16) is None
     gone = MOTIONS["growing_ball"](2)
     empty = extract_surface(lambda x: x[:, 0] ** 2 + 1, gone.bounds, 8)
-    assert check_advection(gone, empty, [0.0], [empty]) is None
+    assert check_advection(gone, empty, [0.0], [empty], 8) is None
