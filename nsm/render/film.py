@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import subprocess
 import zlib
 from collections import Counter
@@ -15,7 +16,7 @@ import numpy as np
 
 from nsm.cli.errors import InputError
 from nsm.cli.extras import require
-from nsm.cli.files import atomic_write
+from nsm.cli.files import DISK_ERRORS, atomic_write
 from nsm.cli.settings import invalid, positive
 from nsm.plots.look import LOOK, Look
 from nsm.render.panel import LevelSetPanel, Panel, SurfacePanel, caption
@@ -240,8 +241,10 @@ def _encoder(path: Path, temporary: Path, size: tuple[int, int], fps: int) -> It
         film.kill()
         film.communicate()
     if film.returncode:
-        last = said.decode(errors="replace").strip().rpartition("\n")[2]  # such as "[out#0/mp4 @ 0x55] No space left"
-        reason = last.rpartition("] ")[2] or f"status {film.returncode} of ffmpeg"
+        lines = said.decode(errors="replace").strip().splitlines()  # such as "[out#0/mp4 @ 0x55] No space left"
+        of_disk = [line for line in lines if any(os.strerror(number) in line for number in DISK_ERRORS)]
+        told = next(iter([*of_disk, *lines[-1:]]), "")
+        reason = told.rpartition("] ")[2] or f"status {film.returncode} of ffmpeg"
         raise InputError(f"`{path}` must be writable, got: {reason}. Try to free space there, or another folder.")
 
 

@@ -57,7 +57,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_nothing_half_written(
             assert "No space left on device" in outcome.said or "fit on its disk" in outcome.said
         (disk / "filler").unlink()
         require_whole(disk)
-        assert not [name for name in files(disk) if "/.nsm-" in f"/{name}"]
+        assert not [name for name in files(disk) if "/.nsm-" in f"/{name}" and not name.endswith(".lock")]
         repeated = run(victim, disk, tmp_path)
         assert repeated.status == 0, repeated.said
 
