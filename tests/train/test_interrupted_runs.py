@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -174,6 +175,22 @@ def test_rows_of_a_table_that_was_cut_are_dropped(tmp_path: Path) -> None:
         ]  # fmt: skip
 
 
+def of_two_processes(reduce: Callable[..., torch.Tensor], batches: int) -> tuple[mock.Mock, mock.Mock]:
+    """A trainer with as many batches per step in one of two processes, and its module."""
+    trainer, module = mock.Mock(spec=L.Trainer), mock.Mock(spec=L.LightningModule)
+    trainer.world_size, trainer.accumulate_grad_batches, trainer.should_stop = 2, batches, False
+    trainer.strategy = SimpleNamespace(root_device="cpu", reduce=reduce)
+    return trainer, module
+
+
+def stops_after_the_second_batch(stop: StopOnSignal, trainer: mock.Mock, module: mock.Mock) -> None:
+    stop.on_train_batch_end(trainer, module, None, None, 0)
+    assert not trainer.should_stop
+    stop.on_train_batch_end(trainer, module, None, None, 1)
+    assert trainer.should_stop
+    assert stop.received == signal.SIGTERM
+
+
 def test_a_signal_to_one_of_several_processes_stops_them_all_after_the_same_step() -> None:
     numbers: list[float] = []
 
@@ -182,15 +199,8 @@ def test_a_signal_to_one_of_several_processes_stops_them_all_after_the_same_step
         numbers.append(float(number))
         return torch.maximum(number, torch.tensor(float(signal.SIGTERM)))
 
-    trainer, module = mock.Mock(spec=L.Trainer), mock.Mock(spec=L.LightningModule)
-    trainer.world_size, trainer.accumulate_grad_batches, trainer.should_stop = 2, 2, False
-    trainer.strategy = SimpleNamespace(root_device="cpu", reduce=reduce)
     stop = StopOnSignal()
-    stop.on_train_batch_end(trainer, module, None, None, 0)
-    assert not trainer.should_stop
-    stop.on_train_batch_end(trainer, module, None, None, 1)
-    assert trainer.should_stop
-    assert stop.received == signal.SIGTERM
+    stops_after_the_second_batch(stop, *of_two_processes(reduce, batches=2))
     assert numbers == [0.0]
 
 
@@ -199,15 +209,8 @@ def test_a_signal_during_the_exchange_between_processes_counts_at_the_next_step(
         stop.receive(signal.SIGTERM)  # after this process has told the others of none
         return number
 
-    trainer, module = mock.Mock(spec=L.Trainer), mock.Mock(spec=L.LightningModule)
-    trainer.world_size, trainer.accumulate_grad_batches, trainer.should_stop = 2, 1, False
-    trainer.strategy = SimpleNamespace(root_device="cpu", reduce=reduce)
     stop = StopOnSignal()
-    stop.on_train_batch_end(trainer, module, None, None, 0)
-    assert not trainer.should_stop
-    stop.on_train_batch_end(trainer, module, None, None, 1)
-    assert trainer.should_stop
-    assert stop.received == signal.SIGTERM
+    stops_after_the_second_batch(stop, *of_two_processes(reduce, batches=1))
 
 
 def test_a_checkpoint_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
