@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 
 from nsm.cli.errors import InputError
 from nsm.cli.extras import MissingPackageError
@@ -53,7 +54,7 @@ def render_strip(
 
     Args:
         path: The picture to write; its suffix, one of `SUFFIXES`, selects the format.
-        morphs: One morph, or several of the same dimension by name; names are written beside the rows.
+        morphs: One morph, or several of the same dimension by name; names are written to the left of the rows.
         times: Times of the columns, in [0, 1].
         size: Width of one picture in pixels.
         look: Resolution, colors, and camera.
@@ -81,15 +82,15 @@ def render_strip(
     for number, morph in enumerate(rows.values()):
         row = _Row(morph, times, size, look, partial(_tell, progress, number * len(times), len(rows) * len(times)))
         tiles.append(row.surfaces() if dims == {3} else row.drawings())
-    figure, grid = _figure(tiles, len(times), size, bool(any(rows)), 0.0 if dims == {3} else _GAP)
     font = _FONT * max(size / 400, 0.5)
+    figure, grid = _figure(tiles, len(times), size, font, _width(rows, font), 0.0 if dims == {3} else _GAP)
     for axes, name, (_, fills) in zip(grid, rows, tiles, strict=True):
         for axis, fill in zip(axes, fills, strict=True):
             fill(axis)
             axis.set_xticks([])
             axis.set_yticks([])
             axis.spines[:].set(visible=dims == {2}, color="0.8", linewidth=0.5)
-        axes[0].set_ylabel(name, fontsize=font)
+        axes[0].set_ylabel(name, fontsize=font, labelpad=font / 2, rotation=0, ha="right", va="center")
     for axis, time in zip(grid[-1], times, strict=True):
         axis.set_xlabel(f"t = {time:.3g}", fontsize=font)
     with atomic_write(path) as temporary:
@@ -142,10 +143,17 @@ class _Row:
         return drawing.aspect, [partial(fill, number=number) for number in range(len(self.times))]
 
 
-def _figure(tiles: Sequence[Tiles], columns: int, size: int, named: bool, gap: float) -> tuple[Figure, np.ndarray]:
+def _width(names: Iterable[str], font: float) -> float:
+    """Width of the longest of the names of rows in inches."""
+    return max((TextPath((0, 0), name, size=font).get_extents().width for name in names if name), default=0.0) / 72
+
+
+def _figure(
+    tiles: Sequence[Tiles], columns: int, size: int, font: float, names: float, gap: float
+) -> tuple[Figure, np.ndarray]:
     """Lay out axes (rows, columns) that match the tiles to the pixel, with space for names and times."""
-    label = 0.3 * max(size / 400, 0.5)
-    margin = label if named else 0.0
+    label = 2.7 * font / 72
+    margin = names + font / 72 if names else 0.0
     between = gap * size / _DPI
     tile, heights = size / _DPI, [max(1, round(size * aspect)) / _DPI for aspect, _ in tiles]
     # half a gap at the rims, so that the lines around drawings there keep their full width
