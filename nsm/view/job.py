@@ -38,9 +38,13 @@ class Job:
         """Whether the process runs."""
         return self._process.poll() is None
 
-    def wait(self) -> None:
-        """Wait until the process has ended."""
-        self._process.wait()
+    def wait(self, seconds: float) -> bool:
+        """Wait for the process, but not longer than some seconds; returns whether it has ended."""
+        try:
+            self._process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
 
     def stop(self) -> None:
         """Ask the process to end; training then keeps its last step."""
@@ -51,9 +55,7 @@ class Job:
     def close(self) -> None:
         """End the process, and wait until it has."""
         self.stop()
-        try:
-            self._process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
+        if not self.wait(_PATIENCE):
             self._process.kill()
             self._process.wait()
 

@@ -19,6 +19,9 @@ from nsm.view.page import Viewer
 from nsm.view.pictures import Settings
 from nsm.view.server import clear_panel
 
+#: Seconds between two looks at what a command prints.
+_INTERVAL = 0.5
+
 
 class Viewing(NamedTuple):
     """How a morph is shown: see `Viewer`."""
@@ -86,6 +89,8 @@ class ResultPage:
             overrides = [f"checkpoint={literal(self._loaded.origin)}", f"output={literal(str(file))}"]
             command, settings = self._command(suffix)
             self._job = Job(command, [*overrides, *settings], self.folder / "downloads" / f"{suffix}.log")
+            while not self._job.wait(_INTERVAL):
+                self._notice.say(f"Writing {file} … {self._job.last_line()}")
             if (error := self._job.error()) is not None:
                 self._notice.warn(error)
                 return

@@ -30,6 +30,7 @@ from nsm.io.loading import load_run
 from nsm.shapes import LandmarkTable
 from nsm.view import __main__ as view
 from nsm.view.clicks import Clicks
+from nsm.view.notice import Notice
 from nsm.view.pictures import PictureMaker, Settings
 from nsm.view.preview import Preview, first_hit
 from nsm.view.result_page import ResultPage, Viewing
@@ -309,6 +310,33 @@ def test_a_morph_is_downloaded_as_a_file(tmp_path: Path, dim: int, suffix: str, 
     else:
         surface = trimesh.load(io.BytesIO(content), file_type="glb", force="mesh")
         assert np.ptp(surface.vertices, axis=0) == pytest.approx([2 * math.acos(0.5) / FREQUENCY] * 3, rel=0.01)
+
+
+def test_a_download_shows_how_far_its_file_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+
+    class Slow(JobHere):
+        def wait(self, seconds: float) -> bool:
+            return len(said) > 1
+
+        def last_line(self) -> str:
+            return "extracting: 5 of 24 frames"
+
+    monkeypatch.setattr("nsm.view.result_page.Job", Slow)
+    monkeypatch.setattr(Notice, "say", lambda self, text: said.append(text))
+    (tmp_path / "run" / "checkpoints").mkdir(parents=True)
+    file = save(shrinking(2, 0.1), tmp_path / "run" / "checkpoints" / "best.ckpt")
+    client = SimpleNamespace(send_file_download=lambda *args, **settings: None)
+    with studio_page(tmp_path / "runs") as studio:
+        said.clear()
+        page = ResultPage(
+            studio.server, load_run("a_b", file, "network"), Viewing(Settings(16), [0.0, 1.0], 0.1, 1 << 28), print, ""
+        )
+        said.clear()
+        page.download("mp4", SimpleNamespace(client=client))
+        page.close()
+    written = tmp_path / "run" / "downloads" / "a_b.mp4"
+    assert said == [f"Writing {written} …", f"Writing {written} … extracting: 5 of 24 frames", f"Wrote {written}."]
 
 
 def test_the_command_without_a_morph_waits_for_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
