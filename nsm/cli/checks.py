@@ -95,8 +95,10 @@ def points(name: str, value: Any, lengths: Sequence[int] = (2, 3)) -> object:
 
 
 def rates(name: str, value: Any) -> object:
-    """Accept a list of positive numbers."""
-    return [positive(name, rate, 1e-3) for rate in entries(name, value)]
+    """Accept a list of different positive numbers."""
+    if not isinstance(value, list) or not value or len(set(map(str, value))) < len(value):
+        raise invalid(name, "a list of different learning rates", value, "[5e-4,1e-3,2e-3]")
+    return [positive(name, rate, 1e-3) for rate in value]
 
 
 def entries(name: str, value: Any) -> list[Any]:

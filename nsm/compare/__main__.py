@@ -20,7 +20,6 @@ from nsm.cli import entry
 from nsm.cli.locks import only_writer_of_folder
 from nsm.cli.overrides import literal
 from nsm.cli.progress import Progress
-from nsm.cli.settings import whole_number
 from nsm.compare.plan import Job, Study, jobs, read_study, trials
 from nsm.compare.progress import study_progress
 from nsm.compare.rates import best_rates, finished
@@ -36,7 +35,6 @@ def main(cfg: DictConfig) -> None:
     """Carry out the runs that are not done yet, evaluate their morphs, and write the report."""
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     study = read_study(config)
-    whole_number("picture_size", config["picture_size"], 16)
     with only_writer_of_folder(study.folder):
         _carry_out(config, study)
 

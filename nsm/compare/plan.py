@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from nsm.cli.errors import InputError
-from nsm.cli.settings import choice, invalid, positive, whole_number
+from nsm.cli.settings import invalid
 from nsm.compare.choices import Choice, read_choices
 from nsm.compare.printed import Printed, read_printed
-from nsm.io.loading import known_ends
 from nsm.io.official import PAIRS
 from nsm.metrics import Protocol
 from nsm.train.consistency import effective, overridden
@@ -114,7 +113,7 @@ class Job(NamedTuple):
 
 
 def read_study(config: Mapping[str, Any]) -> Study:
-    """Read a study from the configuration of ``conf/compare.yaml``.
+    """Read a study from the configuration of ``conf/compare.yaml``, whose types and ranges were checked before.
 
     Raises:
         InputError: If a name is unknown or repeated, or a setting is not valid.
@@ -122,27 +121,22 @@ def read_study(config: Mapping[str, Any]) -> Study:
     seeds = tuple(config["seeds"])
     if not seeds or len(set(seeds)) < len(seeds) or not all(type(seed) is int for seed in seeds):
         raise invalid("seeds", "a list of different integers", list(seeds), "[0,1]")
-    protocol = {name: whole_number(name, config[name], least) for name, least in _LEAST.items()}
     return Study(
         str(config["name"]),
         read_choices("pairs", "experiment", config["pairs"]),
         read_choices("methods", "method", config["methods"], ["growth"]),
         seeds,
-        _learning_rates(config["learning_rates"]),
+        tuple(config["learning_rates"] or ()),
         tuple(config["overrides"]),
         _budget(config["minutes"], config["steps"]),
-        None if config["threads"] is None else whole_number("threads", config["threads"]),
-        bool(config["official"]),
-        known_ends(config["ends"]),
-        Protocol(**protocol),
-        Slices(whole_number("slices.changes", config["slices"]["changes"], 0), _axis(config["slices"]["axis"])),
+        config["threads"],
+        config["official"],
+        config["ends"],
+        Protocol(config["volume_resolution"], config["surface_resolution"], config["times"]),
+        Slices(**config["slices"]),
         read_printed(config["paper"]),
         Path(config["output"]),
     )
-
-
-#: Least valid value of each setting of the evaluation.
-_LEAST = {"volume_resolution": 8, "surface_resolution": 8, "times": 2}
 
 
 def jobs(study: Study, rates: Rates | None = None) -> list[Job]:
@@ -199,25 +193,10 @@ def _job(study: Study, pair: Choice, method: Choice, seed: int, rate: float | No
     return Job(pair.name, method.name, seed, overrides, where, rate, method.growth)
 
 
-def _axis(given: Any) -> str:
-    return choice("slices.axis", given, "xyz")
-
-
-def _learning_rates(given: Any) -> tuple[float, ...]:
-    example = "[5e-4,1e-3,2e-3]"
-    if given is None:
-        return ()
-    if not isinstance(given, list) or not given or len(set(given)) < len(given):
-        raise invalid("learning_rates", "null or a list of different learning rates", given, example)
-    return tuple(positive("learning_rates", rate, 1e-3) for rate in given)
-
-
-def _budget(minutes: Any, steps: Any) -> Budget:
+def _budget(minutes: float | None, steps: int | None) -> Budget:
     if minutes is not None and steps is not None:
         raise InputError(
             f"`minutes` must be null where `steps` is given, got minutes={minutes} and steps={steps}. "
             f"Try `minutes=null steps={steps}`."
         )
-    if minutes is None:
-        return Budget(None, None if steps is None else whole_number("steps", steps, example=1000))
-    return Budget(positive("minutes", minutes, 8), None)
+    return Budget(minutes, steps)

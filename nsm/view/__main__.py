@@ -18,7 +18,7 @@ from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 from nsm.cli.locks import only_writer_of_file
 from nsm.cli.progress import Progress
-from nsm.cli.settings import invalid, number, positive, switch, use_threads, whole_number
+from nsm.cli.settings import invalid, positive, use_threads
 from nsm.io.loading import LoadedMorph, load_morphs, retimed
 from nsm.metrics import even_times
 from nsm.view.pictures import Settings
@@ -33,45 +33,35 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 #: Seconds between checks for a signal or a failure of a background thread.
 _INTERVAL = 0.2
 _MIB = 1 << 20
-_LAST_PORT = 65535
 
 
 def main(cfg: DictConfig) -> None:
     """Show morphs, or a page to train one, until a signal ends the viewer; or record morphs."""
     require("viser", extra="view", task="The viewer")
     config: Any = OmegaConf.to_container(cfg, resolve=True)
-    settings = Settings(
-        whole_number("resolution", config["resolution"], 8),
-        switch("exact_volume", config["exact_volume"]),
-        number("level", config["level"]),
-        str(config["color"]),
-    )
-    times = even_times(whole_number("times", config["times"], 2)).tolist()
+    settings = Settings(config["resolution"], config["exact_volume"], config["level"], config["color"])
+    times = even_times(config["times"]).tolist()
     seconds = positive("seconds", config["seconds"])
     use_threads(config)
     if config["record"] is not None:
         _record(_page_file(config["record"]), _loaded(config), settings, times, seconds)
         return
-    memory = whole_number("memory", config["memory"], 1) * _MIB
-    port = config["port"]
-    if port is not None and whole_number("port", port, 1) > _LAST_PORT:
-        raise InputError(f"`port` must be at most {_LAST_PORT}, got {port}. Try `port=8080`.")
     from nsm.view.page import Viewer
     from nsm.view.result_page import Viewing
     from nsm.view.server import open_page, page_address
     from nsm.view.studio import Studio
 
-    viewing = Viewing(settings, times, seconds, memory)
+    viewing = Viewing(settings, times, seconds, config["memory"] * _MIB)
     named = config["checkpoint"] is not None or config["official"] is not None
     loaded = _loaded(config) if named else []
     workplace = _workplace(config)
-    with _stop_signal() as stopped, open_page(str(config["host"]), port) as server:
+    with _stop_signal() as stopped, open_page(config["host"], config["port"]) as server:
         shown = Viewer(server, loaded, *viewing) if named else Studio(server, viewing, workplace)
         try:
             address = page_address(server)
             what = f"shows {', '.join(each.name for each in loaded)}" if named else "waits for two files of shapes"
             log.info("%s %s. Press Ctrl-C to end.", address, what)
-            if switch("open_browser", config["open_browser"]):
+            if config["open_browser"]:
                 _open(address)
             while not stopped.wait(_INTERVAL):
                 shown.wait(0)
@@ -89,11 +79,10 @@ def _workplace(config: dict[str, Any]) -> Workplace:
     from nsm.view.studio import Workplace
 
     train = config["train"]
-    if not isinstance(train, list) or not all(isinstance(override, str) for override in train):
+    if not all(isinstance(override, str) for override in train):
         raise invalid("train", "a list of settings of training", train, "['method=nulldiv']")
     threads = [] if config["threads"] is None else [f"threads={config['threads']}"]
-    limit = whole_number("upload", config["upload"]) * _MIB
-    return Workplace(Path(str(config["runs"])), limit, [*threads, *train])
+    return Workplace(Path(config["runs"]), config["upload"] * _MIB, [*threads, *train])
 
 
 def _record(file: Path, loaded: list[LoadedMorph], settings: Settings, times: list[float], seconds: float) -> None:
