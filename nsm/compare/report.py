@@ -136,11 +136,11 @@ def _page(
     sections: Sequence[str],
     timed: bool,
 ) -> str:
-    threads = f"{study.threads} threads" if study.threads else "all threads"
+    threads = {None: "all threads", 1: "1 thread"}.get(study.threads, f"{study.threads} threads")
     head = [
         f"# Study {study.name}",
         "",
-        f"Each run: {study.budget}, on a machine with {facts['cores']} cores ({facts['device']}), {threads}; "
+        f"Each run: {study.budget}, on {threads} of a machine with {facts['cores']} cores ({facts['device']}); "
         f"nsm {facts['versions']['nsm']}, torch {facts['versions']['torch']}. Volumes on "
         f"{study.protocol.volume_resolution} cells along the box at {study.protocol.times} times, ends on "
         f"{study.protocol.surface_resolution}; the checkpoint of each run is best.ckpt"
