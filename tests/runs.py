@@ -5,11 +5,14 @@ from __future__ import annotations
 import sys
 from functools import cache
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
+import torch
 from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
 
 from nsm.cli import entry
 from nsm.cli.configuration import CONF
@@ -81,3 +84,19 @@ def files(folder: Path) -> set[str]:
     """Names of all files in a run's folder, without Hydra's own."""
     names = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
     return {name for name in names if not name.startswith(".hydra/") and name != "train.log"}
+
+
+def state(folder: Path) -> dict[str, Any]:
+    """All that the last checkpoint of a run holds."""
+    return torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether nested values, tensors in them, are bitwise equal."""
+    if isinstance(a, Tensor):
+        return torch.equal(a, b)
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(map(same, a, b))
+    return a == b

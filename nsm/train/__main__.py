@@ -13,7 +13,6 @@ from typing import Any
 import lightning as L
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from hydra.utils import instantiate as hydra_instantiate
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig, OmegaConf
 
@@ -22,18 +21,9 @@ from nsm.cli.errors import InputError
 from nsm.cli.locks import only_writer_of_folder
 from nsm.cli.runtime import keep_freed_memory
 from nsm.cli.settings import use_threads
-from nsm.fields import Mirror
-from nsm.io.build import build
-from nsm.io.checkpoint import describe
-from nsm.sampling import Fractions, MorphSampler
-from nsm.shapes import Shape
-from nsm.shapes.asymmetry import asymmetry
-from nsm.shapes.landmarks import warn_of_distant
 from nsm.train.callbacks import (
     Checkpoints,
-    ExitOnSignal,
     MorphWriter,
-    Progress,
     Rewind,
     StopOnSignal,
     Trackers,
@@ -42,21 +32,23 @@ from nsm.train.callbacks import (
     opened,
 )
 from nsm.train.checkpoint_files import WholeCheckpoints
-from nsm.train.consistency import require_consistent, require_losses
+from nsm.train.consistency import require_consistent
 from nsm.train.optimal_transport import transport_run
+from nsm.train.preparation import (
+    instantiate,
+    make_trainer,
+    prepare_morph,
+    prepare_sdf,
+    read_fit,
+    read_keys,
+    read_shapes,
+)
 from nsm.train.processes import processes_to_start, training_together
 from nsm.train.recovery import begun_checkpoint, fit_with_recovery, is_finished, is_first_process, write_results
 from nsm.train.summary import Summary
-from nsm.train.tasks import FieldData, FieldTask, Keys, MorphTask, SdfFit, draw_pools, prepare_keys, starting_network
+from nsm.train.tasks import FieldData, FieldTask
 
 log = logging.getLogger(__name__)
-
-#: Points on the shapes, equally many on each, at which validation measures a morph.
-VALIDATION_POINTS = 8000
-#: Mean distance of an end shape from its mirror image above which training warns of an asymmetry.
-ASYMMETRY_WARNING = 0.005
-#: Instantiates ``_target_`` from plain lists and dicts: no part of the configuration object may enter a checkpoint.
-instantiate = partial(hydra_instantiate, _convert_="all")
 
 
 def main(cfg: DictConfig) -> None:
@@ -64,8 +56,8 @@ def main(cfg: DictConfig) -> None:
     folder = Path(HydraConfig.get().runtime.output_dir)
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     kinds: dict[str, Callable[..., Summary | None]] = {
-        "morph": partial(_train, _prepare_morph),
-        "sdf": partial(_train, _prepare_sdf),
+        "morph": partial(_train, prepare_morph),
+        "sdf": partial(_train, prepare_sdf),
         "ot": _transport,
     }
     hydra = HydraConfig.get()
@@ -105,7 +97,7 @@ def _processes(cfg: DictConfig) -> int:
     """Number of processes that train together on this machine, if this one has to start the others."""
     if cfg.trainer.devices == 1 or cfg.task.kind == "ot":
         return 1
-    return processes_to_start(_trainer(cfg, logger=False, enable_checkpointing=False))
+    return processes_to_start(make_trainer(cfg, logger=False, enable_checkpointing=False))
 
 
 def _names_shapes(overrides: Sequence[str]) -> bool:
@@ -131,7 +123,7 @@ def _train(
         callbacks = [Rewind(), *instantiate(cfg.callbacks).values(), stop, clock]
         loggers[:] = opened(instantiate(cfg.logger).values(), config, _group())
         every = max(1, steps // cfg.validations)
-        return _trainer(
+        return make_trainer(
             cfg,
             max_steps=steps,
             val_check_interval=every,
@@ -161,23 +153,6 @@ def _train(
     return Summary(done.global_step, clock.seconds, figures, preparing, best)
 
 
-def _trainer(cfg: DictConfig, **arguments: Any) -> L.Trainer:
-    """Make Lightning's trainer.
-
-    Raises:
-        InputError: If this machine or Lightning cannot do what its options ask for.
-    """
-    try:
-        trainer: L.Trainer = instantiate(cfg.trainer)(**arguments)
-    except Exception as error:  # Lightning and what it imports raise many types of exceptions
-        given = ", ".join(f"{name}={cfg.trainer[name]}" for name in ("accelerator", "devices", "strategy"))
-        raise InputError(
-            f"`trainer` must have options that fit together and this machine, got {given} "
-            f"({' '.join(str(error).split()).rstrip('.')}). Try `trainer.accelerator=auto trainer.devices=1`."
-        ) from error
-    return trainer
-
-
 def _group() -> str | None:
     """Group of the run in trackers: the folder of its multirun, if it belongs to one."""
     hydra = HydraConfig.get()
@@ -199,7 +174,7 @@ def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary
             f"`between` must be empty for optimal transport, which morphs between two shapes, got {len(cfg.between)} "
             "more. Try `method=adadiv`."
         )
-    ends = _keys(cfg, _shapes(cfg), _fit(cfg, config))
+    ends = read_keys(cfg, read_shapes(cfg), read_fit(cfg, config))
     prepared = time.monotonic() - begin
     writers = [callback for callback in instantiate(cfg.callbacks).values() if isinstance(callback, MorphWriter)]
     loggers = opened(instantiate(cfg.logger).values(), config, _group())
@@ -211,103 +186,6 @@ def _transport(cfg: DictConfig, config: dict[str, Any], folder: Path) -> Summary
             logger.finalize("success")
         trackers.outcome(summary.figures, _best(folder))
     return replace(summary, preparing=prepared)
-
-
-def _prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
-    shapes = _shapes(cfg)
-    landmarks = instantiate(cfg.landmarks).read(shapes[0].dim) if cfg.landmarks else None
-    loss, init = instantiate(cfg.loss), instantiate(cfg.init)
-    require_losses(loss, config, init, shapes[0].dim)
-    fit = _fit(cfg, config)
-    found = _keys(cfg, shapes, fit)
-    dim, provenance, placed = found.source.dim, found.provenance, None
-    if landmarks is not None:
-        placed = landmarks.place(found.source, found.target)
-        warn_of_distant(placed, found.source, found.target)
-        provenance = provenance | {"landmarks": landmarks.provenance()}
-    model = {
-        "_target_": "nsm.morphs.neural.NeuralMorph",
-        "field": {**config["field"], "in_features": dim + 1},
-        "velocity": {**config["velocity"], "dim": dim} if config["velocity"] else None,
-        "source": found.source.config(),
-        "target": found.target.config(),
-        "between": [key.shape.config() for key in found.keys[1:-1]],
-        "times": [key.time for key in found.keys],
-    }
-    if cfg.symmetry:
-        model = _symmetric(instantiate(cfg.symmetry), model, found)
-    morph = build(model)
-    for key, prepared in zip(morph.keys, found.keys, strict=True):
-        key.shape.load_state_dict(prepared.shape.state_dict())
-    network = morph.field.core
-    init(network, starting_network(network, found.source, fit) if init.needs_source else None)
-
-    sampler = instantiate(cfg.sampler)
-    box = sampler["box"](dim=dim)
-    pools = {
-        key.time: draw_pools(key.shape, sampler["pool"], cfg.seed + number, box.half_width)
-        for number, key in enumerate(found.keys)
-    }
-    _, ambient, interior = sampler["fractions"].counts(sampler["size"])
-    data = FieldData(
-        MorphSampler(pools, box, sampler["time"], sampler["size"], sampler["fractions"]),
-        MorphSampler(pools, box, sampler["time"], VALIDATION_POINTS, Fractions(surface=1.0, ambient=0.0)),
-        cfg.seed,
-    )
-    task = MorphTask(
-        morph,
-        sampler["near"](dim=dim, interior=interior),
-        sampler["ends"](dim=dim, ambient=ambient),
-        box,
-        loss,
-        instantiate(cfg.optimizer),
-        instantiate(cfg.scheduler),
-        cfg.task.volume_resolution,
-        cfg.task.volume_times,
-        placed,
-    )
-    task.description = describe(model, config, provenance)
-    return task, data, cfg.steps
-
-
-def _shapes(cfg: DictConfig) -> list[Shape]:
-    """The shapes of a configuration, in order of time."""
-    return [instantiate(shape) for shape in (cfg.source, *cfg.between.values(), cfg.target)]
-
-
-def _keys(cfg: DictConfig, shapes: list[Shape], fit: SdfFit) -> Keys:
-    """The shapes of a configuration, ready for a morph."""
-    return prepare_keys(shapes, fit, equal=cfg.equal_volume, align=instantiate(cfg.align), times=cfg.times)
-
-
-def _symmetric(mirror: Mirror, model: dict[str, Any], keys: Keys) -> dict[str, Any]:
-    """Make f and V of a model symmetric, and tell how far the shapes are from that."""
-    dim = keys.source.dim
-    away = [asymmetry(key.shape, mirror.reflection(dim)) for key in keys.keys]
-    said = ", ".join(f"{distance:.2g}" for distance in away)
-    log.info("mean distances of the shapes from their mirror images: %s", said)
-    if max(away) > ASYMMETRY_WARNING:
-        log.warning(
-            "The shapes deviate from `symmetry` by %s on average, in order of time, so the networks learn the mean of "
-            "each shape and its mirror image. Try another plane, `align=rigid`, or `symmetry=none`.",
-            said,
-        )
-    velocity = model["velocity"] and mirror.velocity(model["velocity"], dim)
-    return model | {"field": mirror.field(model["field"], dim), "velocity": velocity}
-
-
-def _prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
-    shape, fit = instantiate(cfg.source), _fit(cfg, config)
-    task, data = fit.prepare(shape)
-    task.description = describe(fit.as_shape(task, shape).config(), config, {"source": shape.provenance()})
-    return task, data, fit.steps
-
-
-def _fit(cfg: DictConfig, config: dict[str, Any]) -> Any:
-    def trainer(**arguments: Any) -> L.Trainer:
-        return _trainer(cfg, callbacks=[Progress("fitting a shape"), ExitOnSignal()], **arguments)
-
-    return instantiate(cfg.sdf)(settings=config["sdf"], trainer=trainer)
 
 
 def _best_figures(trainer: L.Trainer) -> tuple[dict[str, float], int]:

@@ -24,7 +24,7 @@ from nsm.losses import BatchEvaluation, LipschitzBound
 from nsm.sampling import Batch
 from nsm.shapes import Ball
 from nsm.shapes.asymmetry import asymmetry
-from nsm.train import __main__ as train
+from nsm.train.preparation import symmetric
 from nsm.train.tasks import Keys
 from nsm.types import Key
 
@@ -200,11 +200,11 @@ def test_ends_without_the_symmetry_are_warned_about(caplog: pytest.LogCaptureFix
     model = {"field": {"_target_": "a"}, "velocity": None}
     with caplog.at_level(logging.WARNING):
         keys = Keys((Key(0.0, left), Key(1.0, right)), {})
-        made = train._symmetric(Mirror([0, 1, 0]), model, keys)
+        made = symmetric(Mirror([0, 1, 0]), model, keys)
         assert made["field"]["network"] == model["field"]
         assert made["velocity"] is None
         assert not caplog.messages
-        train._symmetric(Mirror([1, 0, 0]), model, keys)
+        symmetric(Mirror([1, 0, 0]), model, keys)
     (said,) = caplog.messages
     assert said.startswith("The shapes deviate from `symmetry` by 0.5")
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 import torch
-from runs import BARE, files, train_here
+from runs import BARE, files, same, state, train_here
 from torch import Tensor
 
 from nsm.io.checkpoint import load_morph
@@ -34,21 +34,6 @@ def cache(tmp_path_factory: pytest.TempPathFactory):
 
 def weights(folder: Path) -> dict[str, Tensor]:
     return torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"]
-
-
-def state(folder: Path) -> dict[str, Any]:
-    return torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)
-
-
-def same(a: Any, b: Any) -> bool:
-    """Whether nested values, tensors in them, are bitwise equal."""
-    if isinstance(a, Tensor):
-        return torch.equal(a, b)
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
-    if isinstance(a, (list, tuple)):
-        return len(a) == len(b) and all(map(same, a, b))
-    return a == b
 
 
 def through(folder: Path, *overrides: str) -> Path:
