@@ -38,7 +38,7 @@ _HEADS = {
     "_course": "Validation error and volume after parts of the steps:\n\n",
     "_changes": f"Changes of topology, and the mean residuals within {RADIUS:g} of each and in the box:\n\n",
 }
-#: Share of the volume outside the box of a morph above which the page says so.
+#: Volume outside the box of a morph over V(0) above which the page says so.
 _OUTSIDE = 1e-3
 #: Explanation of values over several seeds.
 _SEEDS = "mean ± standard deviation (least–greatest); differences within that spread are not significant"
@@ -156,9 +156,13 @@ def _page(
             for r in missing
         ]
         head.append("")
-    if cut := [r for r in results if (r.figures.get("volume beyond") or 0.0) > _OUTSIDE]:
-        named = ", ".join(f"{r.pair}/{r.method} ({r.figures['volume beyond']:.1%})" for r in cut)
-        head += [f"These leave the box in which volumes are measured, and lose the given share there: {named}.", ""]
+    if cut := outside_box(results):
+        named = ", ".join(f"{row} ({share:.1%})" for row, share in cut.items())
+        head += [
+            "These leave the box in which volumes are measured, which do not count what is outside (here in parts of "
+            f"V(0)): {named}.",
+            "",
+        ]
     if len(study.pairs) > 1 and goals.cells:
         head += ["## All pairs", "", f"{goals.title}.", "", markdown(goals)]
     for name in _FIRST:
@@ -169,6 +173,16 @@ def _page(
     names = [f"[{name}](tables/{_slug(name)}.md)" for name in tables]
     tail += ["## All figures", "", "Each as .md, .csv, and .tex: " + ", ".join(names) + ".", ""] if names else []
     return "\n".join([*head, *sections, *tail])
+
+
+def outside_box(results: Sequence[Result]) -> dict[str, float]:
+    """Greatest volume outside the box over all seeds, by the names of pairs and methods, where it is notable."""
+    shares: dict[str, float] = {}
+    for result in results:
+        row, share = f"{result.pair}/{result.method}", result.figures.get("volume beyond") or 0.0
+        if share > _OUTSIDE:
+            shares[row] = max(share, shares.get(row, 0.0))
+    return shares
 
 
 def _of_rates(study: Study) -> str:

@@ -21,6 +21,7 @@ from nsm.compare.plan import Budget, Job, Slices, read_study
 from nsm.compare.printed import PrintedVolume, Readings, readings
 from nsm.compare.rates import best_rates, finished, rates_table
 from nsm.compare.record import DONE, FAILED, prepare, write_record
+from nsm.compare.report import outside_box
 from nsm.compare.topology import changes_table, plot_changes
 from nsm.metrics.unit import COUNT
 from nsm.plots.tables import Cell, Column, Table, comma_separated, latex, markdown, write_table
@@ -54,6 +55,15 @@ def test_the_table_of_all_pairs_has_the_mean_and_the_range_of_the_seeds() -> Non
     assert table.cells["a_b, adadiv", "minutes, fits included"].mean == 1.5
     assert ("a_b (official)", "minutes, fits included") not in table.cells
     assert not any("exact ends" in column.name for column in table.columns)
+
+
+def test_what_leaves_the_box_is_named_once_with_its_greatest_volume() -> None:
+    shares = [("free", 0, 2.0), ("free", 1, 5.5), ("adadiv", 0, 1e-4), ("ot", None, None)]
+    found = [
+        results.Result("a_b", method, seed, figures={"volume beyond": share} if share else {})
+        for method, seed, share in shares
+    ]
+    assert outside_box(found) == {"a_b/free": 5.5}
 
 
 def test_the_table_of_all_pairs_shows_exact_ends_and_the_network_beside_each_other() -> None:
