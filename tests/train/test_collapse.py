@@ -84,3 +84,13 @@ def test_a_collapse_does_not_go_back_to_the_checkpoint_of_an_older_run(
     through(tmp_path, *RUN, "seed=5", "steps=2", "validations=1")
     assert train_here(*WILD, f"hydra.run.dir={tmp_path}") == 2
     assert "Going back to the beginning" in (tmp_path / "train.log").read_text()
+
+
+def test_a_surface_of_random_weights_may_vanish_before_the_shape_appears(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slow = ("method=lipmlp", "network=small", "sampler.size=100", "sampler.pool=500", "task.volume_resolution=16")
+    short = ("steps=45", "validations=3", "callbacks=none", "threads=1", f"hydra.run.dir={tmp_path}")
+    assert train_here("+experiment=cylinders_torus", *slow, *short) == 2
+    assert "got two collapses (f has no surface at t = 0.00 after all 45 steps)" in capsys.readouterr().err
+    assert "vanished" not in (tmp_path / "train.log").read_text()

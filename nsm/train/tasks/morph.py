@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
+from torch import Tensor
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LRScheduler
 
@@ -18,8 +19,10 @@ from nsm.train.tasks.base import Collapse, FieldTask
 from nsm.train.tasks.validation import Validator
 from nsm.types import Key
 
-#: Fraction of the largest volume below which a morph has lost its surface at the time of a shape.
+#: Fraction of the volume of a shape below which a morph has lost its surface at the time of the shape.
 _VANISHED = 0.02
+#: Factor up to which a volume is like that of a shape.
+_LIKE = 2.0
 #: Mean ‖∇f‖ on the shapes above which f is noise, which distance and volume alone may not reveal.
 _STEEP = 100.0
 
@@ -105,7 +108,7 @@ class MorphTask(FieldTask):
     def on_train_start(self) -> None:
         super().on_train_start()
         volumes = torch.tensor([self.validator.look(key.time).volume for key in self.morph.keys])
-        self._whole = self._whole or bool((volumes > _VANISHED * volumes.max()).all())
+        self._whole = self._whole or self._is_whole(volumes)
 
     @torch.no_grad()
     def validation_step(self, batch: Batch, index: int) -> None:
@@ -144,7 +147,15 @@ class MorphTask(FieldTask):
         """Raise a `Collapse` if a surface that was there at a key is gone, or never came."""
         # between the keys, some baselines do lose the surface
         at_keys = self.validator.at_keys
-        lost = curve.times[at_keys][~(curve.volumes[at_keys] > _VANISHED * curve.volumes.max())]
-        if len(lost) and (self._whole or self.global_step >= self.trainer.max_steps):
+        volumes = curve.volumes[at_keys]
+        lost = curve.times[at_keys][~(volumes > _VANISHED * self.validator.key_volumes)]
+        if len(lost) and self._whole:
             raise Collapse(f"the shape has vanished at t = {lost[0]:.2f} by step {self.global_step}")
-        self._whole = self._whole or not len(lost)
+        if len(lost) and self.global_step >= self.trainer.max_steps:
+            raise Collapse(f"f has no surface at t = {lost[0]:.2f} after all {self.global_step} steps")
+        self._whole = self._whole or self._is_whole(volumes)
+
+    def _is_whole(self, volumes: Tensor) -> bool:
+        """Whether volumes at the keys are like those of the shapes, as that of f with random weights is not."""
+        ratio = volumes / self.validator.key_volumes
+        return bool(((ratio > 1 / _LIKE) & (ratio < _LIKE)).all())
