@@ -40,7 +40,7 @@ lint: $(STAMP) ## check style, types and the direction of imports
 	$(VENV)/bin/lint-imports
 
 docs: $(STAMP) ## build the documentation site into site/, where any warning is an error
-	NO_MKDOCS_2_WARNING=1 $(RUN) mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(RUN) mkdocs build --strict
 
 bench: $(STAMP) ## measure the speed of a training step and what else tools/bench_*.py measures
 	@set -e; for tool in tools/bench_*.py; do echo "== $$tool"; $(VENV)/bin/python $$tool; done

@@ -39,8 +39,8 @@ class ExactKeys(Morph):
         >>> balls = [Ball(radius, [0.0, 0.0]) for radius in (0.3, 0.4, 0.5)]
         >>> network = NeuralMorph(ScalarSiren(3, 8, 1), velocity, balls[0], balls[2], between=[balls[1]])
         >>> morph, x = ExactKeys(network.requires_grad_(False)), torch.rand(5, 2)
-        >>> [bool((morph(x, key.time) == key.shape(x)).all()) for key in morph.keys]
-        [True, True, True]
+        >>> all((morph(x, key.time) == key.shape(x)).all() for key in morph.keys)
+        True
     """
 
     def __init__(self, morph: Morph) -> None:
