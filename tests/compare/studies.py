@@ -66,19 +66,24 @@ def forked(arguments: Sequence[str], log: Path, threads: int | None) -> int:
     log.parent.mkdir(parents=True, exist_ok=True)
     child = os.fork()
     if child == 0:
-        GlobalHydra.instance().clear()
-        with log.open("w") as output:
-            os.dup2(output.fileno(), 1)
-            os.dup2(output.fileno(), 2)
+        status = 1
+        try:
+            GlobalHydra.instance().clear()
+            with log.open("w") as output:
+                os.dup2(output.fileno(), 1)
+                os.dup2(output.fileno(), 2)
             sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: SIM115
+            status = train_here(*arguments)
+        except BaseException as error:
+            print(f"{type(error).__name__}: {error}")  # noqa: T201
+        finally:
             try:
-                status = train_here(*arguments)
-            except BaseException as error:
-                print(f"{type(error).__name__}: {error}")  # noqa: T201
-                status = 1
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(status)
+                sys.stdout.flush()
+                sys.stderr.flush()
+            except OSError:  # the disk of the log is full
+                status = 120  # as Python itself ends
+            finally:
+                os._exit(status)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
