@@ -94,7 +94,18 @@ def prepare_morph(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, F
 
 
 def prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, FieldData, int]:
-    """Prepare the fit of a network to the source; see `prepare_morph`."""
+    """Prepare the fit of a network to the source.
+
+    Args:
+        cfg: Composed configuration.
+        config: The same as plain dicts and lists, with all references resolved.
+
+    Returns:
+        The task, its points, and the number of steps.
+
+    Raises:
+        InputError: If the shape cannot be read.
+    """
     shape, fit = instantiate(cfg.source), read_fit(cfg, config)
     task, data = fit.prepare(shape)
     task.description = describe(fit.as_shape(task, shape).config(), config, {"source": shape.provenance()})
@@ -102,17 +113,35 @@ def prepare_sdf(cfg: DictConfig, config: dict[str, Any]) -> tuple[FieldTask, Fie
 
 
 def read_shapes(cfg: DictConfig) -> list[Shape]:
-    """The shapes of a configuration, in order of time."""
+    """Read the shapes of a configuration, in order of time.
+
+    Raises:
+        InputError: If a shape cannot be read.
+    """
     return [instantiate(shape) for shape in (cfg.source, *cfg.between.values(), cfg.target)]
 
 
 def read_keys(cfg: DictConfig, shapes: list[Shape], fit: SdfFit) -> Keys:
-    """The shapes of a configuration, ready for a morph."""
+    """Make shapes ready for a morph: fitted, placed, and aligned as the configuration asks for.
+
+    Args:
+        cfg: Composed configuration.
+        shapes: Its shapes, as `read_shapes` returns them.
+        fit: How networks are fitted to them, as `read_fit` returns it.
+
+    Raises:
+        InputError: If a shape has no volume, or the shapes cannot be morphed into each other.
+    """
     return prepare_keys(shapes, fit, equal=cfg.equal_volume, align=instantiate(cfg.align), times=cfg.times)
 
 
 def read_fit(cfg: DictConfig, config: dict[str, Any]) -> SdfFit:
-    """How networks are fitted to shapes."""
+    """Read how networks are fitted to shapes.
+
+    Args:
+        cfg: Composed configuration.
+        config: The same as plain dicts and lists, with all references resolved.
+    """
 
     def trainer(**arguments: Any) -> L.Trainer:
         return make_trainer(cfg, callbacks=[Progress("fitting a shape"), ExitOnSignal()], **arguments)
@@ -123,6 +152,10 @@ def read_fit(cfg: DictConfig, config: dict[str, Any]) -> SdfFit:
 
 def make_trainer(cfg: DictConfig, **arguments: Any) -> L.Trainer:
     """Make Lightning's trainer.
+
+    Args:
+        cfg: Composed configuration.
+        **arguments: Further arguments of the trainer, which the configuration does not have.
 
     Raises:
         InputError: If this machine or Lightning cannot do what its options ask for.
@@ -139,7 +172,16 @@ def make_trainer(cfg: DictConfig, **arguments: Any) -> L.Trainer:
 
 
 def symmetric(mirror: Mirror, model: dict[str, Any], keys: Keys) -> dict[str, Any]:
-    """Make f and V of a model symmetric, and tell how far the shapes are from that."""
+    """Make f and V of a model symmetric, and warn where the shapes are far from that.
+
+    Args:
+        mirror: The plane of symmetry.
+        model: Configuration of the morph, with the entries ``field`` and ``velocity``.
+        keys: Shapes of the morph, whose mean distance from their mirror images is a length of its coordinates.
+
+    Returns:
+        The configuration of the symmetric morph.
+    """
     dim = keys.source.dim
     away = [asymmetry(key.shape, mirror.reflection(dim)) for key in keys.keys]
     said = ", ".join(f"{distance:.2g}" for distance in away)

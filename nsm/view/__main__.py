@@ -18,7 +18,7 @@ from nsm.cli.errors import InputError
 from nsm.cli.extras import require
 from nsm.cli.locks import only_writer_of_file
 from nsm.cli.progress import Progress
-from nsm.cli.settings import invalid, positive, use_threads
+from nsm.cli.settings import invalid, use_threads
 from nsm.io.loading import LoadedMorph, load_morphs, retimed
 from nsm.metrics import even_times
 from nsm.view.pictures import Settings
@@ -41,7 +41,7 @@ def main(cfg: DictConfig) -> None:
     config: Any = OmegaConf.to_container(cfg, resolve=True)
     settings = Settings(config["resolution"], config["exact_volume"], config["level"], config["color"])
     times = even_times(config["times"]).tolist()
-    seconds = positive("seconds", config["seconds"])
+    seconds = float(config["seconds"])
     use_threads(config)
     if config["record"] is not None:
         _record(_page_file(config["record"]), _loaded(config), settings, times, seconds)

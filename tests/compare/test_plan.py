@@ -132,12 +132,16 @@ _PAIR = ["pairs=[cylinders_torus]"]
             "the keys name, method, overrides, and growth only",
         ),
         (["steps=10"], "must be null where `steps` is given, got minutes=8 and steps=10. Try `minutes=null steps=10`"),
-        (["minutes=0"], "`minutes` must be .*, got 0. Try `minutes=8`"),
+        (["minutes=0"], r"`minutes` must be a number above 0 and at most 1e\+06, got 0. Try `minutes=8`"),
         (["minutes=null", "steps=1.5"], "`steps` must be a positive integer, got 1.5"),
         (["seeds=[1,1]"], "a list of different integers, got .1, 1."),
-        (
-            ["learning_rates=[1e-3,1e-3]"],
-            "`learning_rates` must be a list of different learning rates, got .*Try `learning_rates=.5e-4,1e-3,2e-3.`",
+        *(
+            (
+                [f"learning_rates={given}"],
+                "`learning_rates` must be a list of different learning rates, got .*"
+                "Try `learning_rates=.5e-4,1e-3,2e-3.`",
+            )
+            for given in ("[]", "[1e-3,1e-3]", "1e-3")
         ),
         (["learning_rates=[0]"], "`learning_rates` must be positive and finite, got 0"),
         (["slices.axis=w"], "`slices.axis` must be one of x, y, z, got w"),

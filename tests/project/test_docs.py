@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 PAGES = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 #: Pages whose code needs nothing but a run in outputs/demo.
-RUNNABLE = ["README.md", "index.md", "library.md"]
+RUNNABLE = ["concepts.md", "README.md", "index.md", "library.md"]
 COMMAND = re.compile(
     r"^(?:nsm |python -m nsm\.)(train|evaluate|export|render|view|layers|compare)\b(.*)$", re.MULTILINE
 )
