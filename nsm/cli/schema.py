@@ -40,8 +40,8 @@ from nsm.cli.training_schema import TRAINING
 
 #: Most cells along the box, and pixels along a picture.
 _MOST_CELLS, _MOST_PIXELS = 4096, 16384
-#: Most steps.
-_MOST_STEPS = 10**9
+#: Most steps, and most points that a measurement draws.
+_MOST_STEPS, _MOST_SAMPLES = 10**9, 10**7
 
 
 _steps = partial(whole_number, most=_MOST_STEPS, example=1000)
@@ -68,6 +68,7 @@ _MORPHS: dict[str, Check] = {
     "resolution": partial(whole_number, least=8, most=_MOST_CELLS, example=96),
     "volume_resolution": partial(whole_number, least=8, most=_MOST_CELLS, example=96),
     "surface_resolution": partial(whole_number, least=8, most=_MOST_CELLS, example=128),
+    "samples": partial(whole_number, most=_MOST_SAMPLES, example=10_000),
     "picture_size": _pixels,
     "exact_volume": switch,
     "seconds": _seconds,

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import copy
 import logging
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
-import torch
-from hydra._internal.callbacks import Callbacks
 from hydra.core.global_hydra import GlobalHydra
-from hydra.core.hydra_config import HydraConfig
-from hydra.core.plugins import Plugins
-from hydra.types import HydraContext, RunMode
-from omegaconf import DictConfig, OmegaConf, open_dict
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
 
 from nsm.cli import entry
 from nsm.cli.locks import only_writer_of_folder
-from nsm.cli.overrides import literal
 from nsm.cli.progress import Progress
+from nsm.compare.launch import launch
+from nsm.compare.measurement import Measurement, measure
 from nsm.compare.plan import Job, Study, jobs, read_study, trials
-from nsm.compare.progress import study_progress
+from nsm.compare.progress import measuring_progress, training_progress
 from nsm.compare.rates import best_rates, finished
-from nsm.compare.record import DONE, FAILED, prepare, read_record
+from nsm.compare.record import has_ended, prepare
 from nsm.compare.report import write_report
-from nsm.compare.results import Result, result_of_official, result_of_run
-from nsm.compare.run import being_carried_out, carry_out
+from nsm.compare.results import Result, measured, measurement, result_of_official, result_of_run
+from nsm.compare.run import carry_out
 
 log = logging.getLogger(__name__)
 
@@ -66,12 +61,13 @@ def _carry_out(config: dict[str, Any], study: Study) -> None:
 
 def _run_all(study: Study, runs: Sequence[Job], trained: Mapping[tuple[str, str], bool], retry: bool) -> None:
     """Carry out the runs that are neither done nor failed."""
-    records = [prepare(job, study.budget, trained[job.pair, job.method], study.threads, retry) for job in runs]
-    waiting = [job for job, record in zip(runs, records, strict=True) if record.state not in (DONE, FAILED)]
+    for job in runs:
+        prepare(job, study.budget, trained[job.pair, job.method], study.threads, retry)
+    waiting = [job for job in runs if not has_ended(job.folder)]
     if runs:
         log.info("%d runs, %s each, in %s; %d are left to do", len(runs), study.budget, study.folder, len(waiting))
-    if waiting:
-        _launch(study, waiting)
+    with training_progress(waiting):
+        launch(carry_out, waiting, lambda job: not has_ended(job.folder), study.folder / "launcher")
 
 
 def _trained(job: Job) -> bool:
@@ -80,56 +76,17 @@ def _trained(job: Job) -> bool:
     return bool(composed.task.kind == "morph")
 
 
-def _launch(study: Study, waiting: Sequence[Job]) -> None:
-    """Carry out runs, and those that are left where a worker was lost, as long as some are finished each time."""
-    left: Sequence[Job] = waiting
-    while left:
-        before, left = left, _launch_once(study, left)
-        if len(left) == len(before):
-            break
-
-
-def _launch_once(study: Study, waiting: Sequence[Job]) -> list[Job]:
-    """Carry out runs with Hydra's launcher, each as a job of ``conf/compare_run.yaml``; returns those that are left."""
-    config: Any = copy.deepcopy(HydraConfig.instance().cfg)
-    for node in (config, config.hydra, config.hydra.job):
-        OmegaConf.set_readonly(node, False)
-    with open_dict(config):
-        config.hydra.job.config_name = "compare_run"
-        config.hydra.overrides.hydra = []
-        config.hydra.sweep.dir = str((study.folder / "launcher").resolve())
-    launcher = Plugins.instance().instantiate_launcher(
-        hydra_context=HydraContext(config_loader=GlobalHydra.instance().config_loader(), callbacks=Callbacks()),
-        task_function=carry_out,
-        config=config,
-    )
-    # Hydra lists every job; progress shows the active ones
-    for name in ("hydra", "hydra_plugins"):
-        logging.getLogger(name).setLevel(logging.WARNING)
-    with study_progress(waiting):
-        try:
-            launcher.launch([[f"folder={literal(str(job.folder.resolve()))}"] for job in waiting], initial_job_idx=0)
-        # each launcher raises an error of its own when a worker is lost; runs that are done still count
-        except Exception as error:
-            log.warning("a worker was lost: %s", " ".join(str(error).split()) or type(error).__name__)
-        for job in waiting:
-            with being_carried_out(job.folder):  # other workers go on
-                pass
-    return [job for job in waiting if (record := read_record(job.folder)) and record.state not in (DONE, FAILED)]
-
-
 def _results(study: Study, runs: Sequence[Job]) -> list[Result]:
-    """Evaluate every run, and the official morphs."""
-    if study.threads:
-        torch.set_num_threads(study.threads)
-    evaluations = [partial(result_of_run, study, job) for job in runs]
-    evaluations += [partial(result_of_official, study, pair) for pair in study.pairs if study.official]
-    results = []
-    with Progress("measuring", total=len(evaluations), unit="morphs") as progress:
-        for evaluation in evaluations:
-            results.append(evaluation(progress=lambda stage: progress.update(detail=stage)))
-            progress.advance()
-    return results
+    """Measure the morph of every run, and the official ones."""
+    found = [(result_of_run(study, job), job.folder) for job in runs]
+    found += [result_of_official(study, pair) for pair in study.pairs if study.official]
+    asked = [measurement(study, result, folder) for result, folder in found]
+    waiting = [each for each in asked if each is not None and "figures" not in each.result()]
+    for each in waiting:
+        each.request()
+    with measuring_progress(waiting):
+        launch(measure, waiting, Measurement.requested, study.folder / "launcher")
+    return [result if each is None else measured(result, each) for (result, _), each in zip(found, asked, strict=True)]
 
 
 if __name__ == "__main__":

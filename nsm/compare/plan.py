@@ -132,7 +132,7 @@ def read_study(config: Mapping[str, Any]) -> Study:
         config["threads"],
         config["official"],
         config["ends"],
-        Protocol(config["volume_resolution"], config["surface_resolution"], config["times"]),
+        Protocol(*(config[name] for name in ("volume_resolution", "surface_resolution", "times", "samples"))),
         Slices(**config["slices"]),
         read_printed(config["paper"]),
         Path(config["output"]),

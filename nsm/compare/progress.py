@@ -3,34 +3,56 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from nsm.cli.progress import Progress
+from nsm.compare.measurement import Measurement
 from nsm.compare.plan import Job
-from nsm.compare.record import DONE, FAILED, INTERRUPTED, MEASURING, TRAINING, read_record
+from nsm.compare.record import DONE, FAILED, INTERRUPTED, TIMING, TRAINING, read_record
 
 #: Seconds between two readings of the folders of the runs.
 _INTERVAL = 1.0
 #: Bytes at the end of a log that hold its last row.
 _TAIL = 4096
-#: Runs that are named while they are active.
+#: Runs or morphs that are named while they are active.
 _NAMED = 3
 #: Largest part of a run that counts before one more is finished.
 _ALMOST = 0.999
 
 
 @contextmanager
-def study_progress(jobs: Sequence[Job]) -> Iterator[None]:
+def training_progress(jobs: Sequence[Job]) -> Iterator[None]:
     """Show how many runs are finished and how far the active ones are, whichever launcher carries them out.
 
     Args:
         jobs: The runs.
     """
+    with _watched("training", "runs", len(jobs), lambda progress: _show_runs(jobs, progress)):
+        yield
+
+
+@contextmanager
+def measuring_progress(measurements: Sequence[Measurement]) -> Iterator[None]:
+    """Show how many morphs are measured and at which stage the active ones are.
+
+    Args:
+        measurements: The measurements.
+    """
+    with _watched("measuring", "morphs", len(measurements), lambda progress: _show_morphs(measurements, progress)):
+        yield
+
+
+@contextmanager
+def _watched(description: str, unit: str, total: int, show: Callable[[Progress], object]) -> Iterator[None]:
+    """Call ``show`` once a second until the work ends, and once more then; not at all where there is none."""
+    if not total:
+        yield
+        return
     closing = threading.Event()
-    with Progress("training", total=len(jobs), unit="runs") as progress:
-        thread = threading.Thread(target=_watch, args=(jobs, progress, closing), daemon=True)
+    with Progress(description, total=total, unit=unit) as progress:
+        thread = threading.Thread(target=_watch, args=(show, progress, closing), daemon=True)
         thread.start()
         try:
             yield
@@ -39,15 +61,19 @@ def study_progress(jobs: Sequence[Job]) -> Iterator[None]:
             thread.join()
 
 
-def _watch(jobs: Sequence[Job], progress: Progress, closing: threading.Event) -> None:
-    """Read the folders of the runs until the study ends, and once more then."""
+def _watch(show: Callable[[Progress], object], progress: Progress, closing: threading.Event) -> None:
     last = False
     while not last:
         last = closing.wait(_INTERVAL)
-        _read(jobs, progress)
+        show(progress)
 
 
-def _read(jobs: Sequence[Job], progress: Progress) -> None:
+def _show_morphs(measurements: Sequence[Measurement], progress: Progress) -> None:
+    active = [f"{each.name}: {stage}" for each in measurements if (stage := each.stage())]
+    progress.update(sum(not each.requested() for each in measurements), detail=_some(active))
+
+
+def _show_runs(jobs: Sequence[Job], progress: Progress) -> None:
     finished, parts, active = 0, 0.0, []
     for job in jobs:
         record = read_record(job.folder)
@@ -55,15 +81,20 @@ def _read(jobs: Sequence[Job], progress: Progress) -> None:
             continue
         if record.state in (DONE, FAILED, INTERRUPTED):
             finished += 1
-        elif record.state == MEASURING:
+        elif record.state == TIMING:
             active.append(f"{job.name}: timing a step")
         elif record.state == TRAINING:
             step = _last_step(job.folder / "log" / "metrics.csv")
             active.append(f"{job.name}: step {step} of {record.steps}" if record.steps else job.name)
             parts += step / record.steps if record.steps else 0.0
-    more = f" and {len(active) - _NAMED} more" if len(active) > _NAMED else ""
     # active runs count for the time left, but not as finished ones
-    progress.update(finished + min(parts, _ALMOST), detail=", ".join(active[:_NAMED]) + more)
+    progress.update(finished + min(parts, _ALMOST), detail=_some(active))
+
+
+def _some(active: Sequence[str]) -> str:
+    """Name the first of the active ones, and the number of others."""
+    more = f" and {len(active) - _NAMED} more" if len(active) > _NAMED else ""
+    return ", ".join(active[:_NAMED]) + more
 
 
 def _last_step(log: Path) -> int:

@@ -8,14 +8,13 @@ from collections.abc import Sequence
 
 from nsm.compare.choices import ERROR
 from nsm.compare.plan import Job, Rates
-from nsm.compare.record import DONE, FAILED, read_record
+from nsm.compare.record import has_ended
 from nsm.plots.tables import Cell, Column, Table
 
 
 def finished(tries: Sequence[Job]) -> bool:
     """Whether every trial has ended, so that rates can be chosen."""
-    records = [read_record(job.folder) for job in tries]
-    return all(record is not None and record.state in (DONE, FAILED) for record in records)
+    return all(has_ended(job.folder) for job in tries)
 
 
 def best_rates(tries: Sequence[Job]) -> Rates:

@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from filelock import FileLock
+
 from nsm.cli.errors import InputError
 from nsm.cli.files import atomic_write
 from nsm.compare.plan import Budget, Job
 
 #: States of a run before and during training, and after it.
-PLANNED, MEASURING, TRAINING, DONE = "planned", "measuring", "training", "done"
+PLANNED, TIMING, TRAINING, DONE = "planned", "timing", "training", "done"
 #: States of a run that ended early. One that failed would fail again, so it is tried again on request only; one that
 #: was interrupted resumes.
 FAILED, INTERRUPTED = "failed", "interrupted"
@@ -40,6 +42,11 @@ class Record(NamedTuple):
     reason: str | None = None
 
 
+def being_carried_out(folder: Path) -> FileLock:
+    """The lock that a worker holds while it trains or measures in a folder; it ends with the worker in any case."""
+    return FileLock(folder / ".nsm-worker.lock")
+
+
 def read_record(folder: Path) -> Record | None:
     """Read the record of a run; None where none was begun.
 
@@ -55,6 +62,12 @@ def read_record(folder: Path) -> Record | None:
             f"`{folder / 'run.json'}` must be the record of a run, got a file that is not ({error}). "
             f"Try `rm -r {folder}` to run it anew."
         ) from error
+
+
+def has_ended(folder: Path) -> bool:
+    """Whether a run is done, or failed."""
+    record = read_record(folder)
+    return record is not None and record.state in (DONE, FAILED)
 
 
 def write_record(folder: Path, record: Record) -> None:

@@ -1,33 +1,26 @@
-"""Result of each run: its figures, which are measured once and kept, and the course of its training."""
+"""Result of each run: the figures of its morph, and the course of its training."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
-import nsm
-from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
-from nsm.cli.files import atomic_write
 from nsm.compare.choices import OFFICIAL, Choice
 from nsm.compare.logs import last_terms, read_course
+from nsm.compare.measurement import Measurement, load_measured
 from nsm.compare.plan import Job, Study, official_pair
 from nsm.compare.record import DONE, FAILED, read_record
 from nsm.io.checkpoint import find_checkpoint
-from nsm.io.loading import PUBLISHED, LoadedMorph, load_published, load_run
-from nsm.metrics import Protocol, all_metrics, evaluate_morph
+from nsm.io.loading import PUBLISHED
 from nsm.types import Morph
 
-#: Called with the name of each stage as it begins.
-OnStage = Callable[[str], object]
+#: Beginning of the reason why a morph has no figures.
+_UNMEASURED = "its morph could not be measured"
 
 
 @dataclass(frozen=True)
@@ -81,14 +74,11 @@ class Result:
         """Load the morph."""
         if self.checkpoint is None:
             raise ValueError(f"{self.method} made no morph of {self.pair}")
-        official = self.checkpoint.removeprefix(PUBLISHED)
-        if official != self.checkpoint:
-            return load_published(official).morph
-        return load_run(f"{self.pair}/{self.method}", Path(self.checkpoint), self.ends, _growth(self.growth)).morph
+        return load_measured(f"{self.pair}/{self.method}", self.checkpoint, self.ends, self.growth).morph
 
 
-def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
-    """Evaluate a run, unless its checkpoint has been evaluated under this protocol before."""
+def result_of_run(study: Study, job: Job) -> Result:
+    """What is known of a run before its morph is measured; without a morph, the reason."""
     bare = Result(job.pair, job.method, job.seed, ends=study.ends, rate=job.rate, growth=job.growth)
     record = read_record(job.folder)
     if record is None or record.state != DONE:
@@ -99,79 +89,42 @@ def result_of_run(study: Study, job: Job, progress: OnStage) -> Result:
     timed = _timed(bare, job.folder)
     bare = replace(timed, steps=record.steps, terms=last_terms(job.folder), course=read_course(job.folder))
     try:
-        file = find_checkpoint(job.folder)
-        bare = replace(bare, checkpoint=str(file))
-        key = {"checkpoint": hashlib.sha256(file.read_bytes()).hexdigest(), "ends": study.ends, "growth": job.growth}
-        load = partial(load_run, job.name, file, study.ends, _growth(job.growth))
-        return _evaluated(bare, job.folder, key, load, study.protocol, progress)
-    except (InputError, OSError, ValueError, RuntimeError) as error:
-        # one row must not end the study
-        return replace(bare, reason=f"its morph could not be evaluated: {error}")
+        return replace(bare, checkpoint=str(find_checkpoint(job.folder)))
+    except InputError as error:
+        return replace(bare, reason=f"{_UNMEASURED}: {error}")
 
 
-def result_of_official(study: Study, pair: Choice, progress: OnStage) -> Result:
-    """Evaluate the authors' morph of a pair."""
-    name = official_pair(pair)
+def result_of_official(study: Study, pair: Choice) -> tuple[Result, Path]:
+    """The authors' morph of a pair before it is measured, or the reason why there is none; and its folder."""
+    folder, name = study.folder / "runs" / pair.name / OFFICIAL, official_pair(pair)
     if name is None:
-        return Result(pair.name, OFFICIAL, None, reason="the authors published no morph of this pair")
-    bare = Result(pair.name, OFFICIAL, None, checkpoint=f"{PUBLISHED}{name}")
-    folder, key = study.folder / "runs" / pair.name / OFFICIAL, {"checkpoint": bare.checkpoint}
-    try:
-        return _evaluated(bare, folder, key, partial(load_published, name), study.protocol, progress)
-    except (InputError, OSError, ValueError, RuntimeError) as error:
-        return replace(bare, reason=str(error))
+        return Result(pair.name, OFFICIAL, None, reason="the authors published no morph of this pair"), folder
+    return Result(pair.name, OFFICIAL, None, checkpoint=f"{PUBLISHED}{name}"), folder
 
 
-def _evaluated(
-    bare: Result,
-    folder: Path,
-    key: dict[str, Any],
-    load: Callable[[], LoadedMorph],
-    protocol: Protocol,
-    progress: OnStage,
-) -> Result:
-    """Add the figures to a result, from ``evaluation.json`` if that has the same key."""
-    # a version with other figures measures again
-    names = hashlib.sha256("\n".join(metric.name for metric in all_metrics()).encode()).hexdigest()
-    key = key | {"protocol": protocol.describe(), "version": nsm.__version__, "figures": names}
-    file = folder / "evaluation.json"
-    kept = _kept(file)
-    if kept.get("key") != key:
-        loaded = load()
-        name = f"{bare.pair}/{bare.method}"
-        flow_error = None if loaded.exact is None else loaded.exact.flow_error
-        result = evaluate_morph(loaded.morph, protocol, lambda stage: progress(f"{name}: {stage}"), flow_error)
-        network: dict[str, float | None] = {}
-        if loaded.network is not None:
-            without = evaluate_morph(loaded.network, protocol, lambda stage: progress(f"{name} (network): {stage}"))
-            network = without.to_dict()["figures"]
-        kept = {"key": key, **result.to_dict(), "network_figures": network}
-        with atomic_write(file) as temporary:
-            temporary.write_text(json.dumps(kept, indent=2) + "\n")
+def measurement(study: Study, result: Result, folder: Path) -> Measurement | None:
+    """The measurement of the morph of a result; None where there is no morph."""
+    if result.checkpoint is None:
+        return None
+    name = folder.relative_to(study.folder / "runs").as_posix()
+    return Measurement(name, folder, result.checkpoint, result.ends, result.growth, study.protocol, study.threads)
+
+
+def measured(result: Result, measurement: Measurement) -> Result:
+    """Add the figures of its measurement to a result, or the reason why there are none."""
+    kept = measurement.result()
+    if "figures" not in kept:
+        why = f": {kept['reason']}" if "reason" in kept else "; repeat the command to measure it"
+        return replace(result, reason=_UNMEASURED + why)
     curve = kept["volume"]
-    volumes = [math.nan if v is None else v for v in curve["volumes"]]
     return replace(
-        bare,
+        result,
         figures=kept["figures"],
         network_figures=kept["network_figures"],
         events=kept["events"],
         times=curve["times"],
-        volumes=volumes,
+        volumes=[math.nan if v is None else v for v in curve["volumes"]],
     )
-
-
-def _growth(name: str) -> dict[str, Any]:
-    """Configuration of a change of volume."""
-    config: Any = OmegaConf.to_container(OmegaConf.load(CONF / "growth" / f"{name}.yaml"))
-    return dict(config)
-
-
-def _kept(file: Path) -> dict[str, Any]:
-    """Read an evaluation; one that is missing or was cut is made again."""
-    try:
-        return dict(json.loads(file.read_text()))
-    except (FileNotFoundError, ValueError):
-        return {}
 
 
 def _timed(bare: Result, folder: Path) -> Result:

@@ -12,14 +12,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
-
 from nsm.cli.child import MODULE
 from nsm.cli.overrides import literal
-from nsm.compare.record import DONE, FAILED, INTERRUPTED, MEASURING, TRAINING, Record, read_record, write_record
+from nsm.compare.record import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    TIMING,
+    TRAINING,
+    Record,
+    being_carried_out,
+    read_record,
+    write_record,
+)
 
 #: Steps in which the time of one step is measured; the steps of the warm-up do not count.
-MEASURED_STEPS = 40
+TIMED_STEPS = 40
 #: Overrides of every run: the study draws the pictures, and the time of each step is recorded.
 OVERRIDES = (
     "callbacks=none",
@@ -66,26 +74,21 @@ def carry_out(config: Mapping[str, Any]) -> str:
         if record.state in (DONE, FAILED):
             return record.state
         if record.trained and record.steps is None and record.settings["minutes"] is not None:
-            record = _measured(folder, record)
+            record = _timed(folder, record)
         if record.reason is None:
             record = _trained(folder, record)
         write_record(folder, record)
         return record.state
 
 
-def being_carried_out(folder: Path) -> FileLock:
-    """The lock that a worker holds while it carries out a run; it ends with the worker, however that ends."""
-    return FileLock(folder / ".nsm-worker.lock")
-
-
-def _measured(folder: Path, record: Record) -> Record:
+def _timed(folder: Path, record: Record) -> Record:
     """Find the number of steps that the minutes allow, by timing a few."""
-    write_record(folder, record._replace(state=MEASURING))
-    trial = folder / "measure"
+    write_record(folder, record._replace(state=TIMING))
+    trial = folder / "timing"
     shutil.rmtree(trial, ignore_errors=True)
     log = folder / "output.log"
     untracked = ["~logger.wandb"] if _labels(record, folder) else []
-    status = _start([*_arguments(record, trial, MEASURED_STEPS), *_TRIAL, *untracked], log, record.threads)
+    status = _start([*_arguments(record, trial, TIMED_STEPS), *_TRIAL, *untracked], log, record.threads)
     if status:
         return _failed(record, status, log)
     timing = json.loads((trial / "step_times.json").read_text())

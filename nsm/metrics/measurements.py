@@ -107,7 +107,7 @@ class Measurements:
     def surfaces(self) -> tuple[SurfaceFigures, ...]:
         """Properties of the surface at each of the times."""
         pairs = zip(self.times, self.meshes, strict=True)
-        return tuple(surface_figures(self.morph, time, mesh) for time, mesh in pairs)
+        return tuple(surface_figures(self.morph, time, mesh, self.protocol.samples) for time, mesh in pairs)
 
     @property
     def motion(self) -> Motion:
@@ -118,7 +118,8 @@ class Measurements:
     def space(self) -> tuple[SpaceResiduals, ...]:
         """Residuals around the surface and in the box at each of the times."""
         self._progress("residuals in space")
-        return tuple(space_residuals(self.morph, time, self.protocol.shell_width) for time in self.times)
+        how = self.protocol.shell_width, self.protocol.samples
+        return tuple(space_residuals(self.morph, time, *how) for time in self.times)
 
     @cached_property
     def events(self) -> tuple[TopologyEvent, ...]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from nsm.geometry.advection import DEFAULT_METHOD
 from nsm.geometry.volume import VOLUME_RESOLUTION
-from nsm.metrics import endpoint, events, interior, residuals, surface
+from nsm.metrics import endpoint, events, interior, residuals
 
 
 @dataclass(frozen=True)
@@ -18,21 +18,21 @@ class Protocol:
         volume_resolution: Cells along the box for volumes and for the surface over time.
         surface_resolution: Cells along the box for the surfaces that are compared at both ends.
         times: Number of times, evenly spaced from 0 to 1, at least 2.
+        samples: Points on the surface, in the shell around it, and in the box over which figures are averaged.
         shell_width: |f| on the rim of the shell around the surface, in units of length.
     """
 
     volume_resolution: int = VOLUME_RESOLUTION
     surface_resolution: int = endpoint.SURFACE_RESOLUTION
     times: int = 11
+    samples: int = 10_000
     shell_width: float = residuals.SHELL_WIDTH
 
     def describe(self) -> dict[str, Any]:
         """Return these settings and the constants of the measuring functions, for a file that explains itself."""
         return asdict(self) | {
             "points_on_end_surfaces": endpoint.SAMPLES,
-            "points_on_surface": surface.SAMPLES,
-            "points_to_find_shell": residuals.SAMPLES,
-            "points_in_shell_and_box": residuals.REGION_SAMPLES,
+            "points_to_find_one_in_shell": residuals.TRIES,
             "points_inside": interior.SAMPLES,
             "time_step_of_rates": residuals.TIME_STEP,
             "time_tolerance_of_events": events.TIME_TOLERANCE,

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from nsm.types import Morph
 
-#: Points drawn evenly in the box to find those in the shell, and points over which each region is averaged.
-SAMPLES, REGION_SAMPLES = 1 << 17, 1 << 13
+#: Points over which each region is averaged by default, and points drawn in the box at most to find one in the shell.
+SAMPLES, TRIES = 10_000, 16
 #: |f| on the rim of the shell around the surface, in units of length.
 SHELL_WIDTH = 0.05
 #: Step in time of the difference that gives ∂f/∂t.
@@ -51,20 +51,24 @@ class SpaceResiduals(NamedTuple):
 
 
 @torch.no_grad()
-def space_residuals(morph: Morph, time: float, width: float = SHELL_WIDTH) -> SpaceResiduals:
+def space_residuals(morph: Morph, time: float, width: float = SHELL_WIDTH, samples: int = SAMPLES) -> SpaceResiduals:
     """Measure the residuals at points drawn evenly in ``morph.bounds``, the same ones in each call.
 
     Args:
         morph: Morph to measure.
         time: The time.
         width: |f| on the rim of the shell, in units of length.
+        samples: Number of points in the box, and at most in the shell.
     """
     low, high = morph.bounds
     generator = torch.Generator(low.device).manual_seed(0)
-    share = torch.rand(SAMPLES, morph.dim, generator=generator, dtype=low.dtype, device=low.device)
+    share = torch.rand(TRIES, samples, morph.dim, generator=generator, dtype=low.dtype, device=low.device)
     points = low + share * (high - low)
-    near = points[morph(points, time).abs() < width]
-    return SpaceResiduals(*(_region(morph, region[:REGION_SAMPLES], time) for region in (near, points)))
+    shell = points[0, :0]
+    for drawn in points:
+        if len(shell) < samples:
+            shell = torch.cat([shell, drawn[morph(drawn, time).abs() < width]])
+    return SpaceResiduals(*(_region(morph, region, time) for region in (shell[:samples], points[0])))
 
 
 def rate(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"]:

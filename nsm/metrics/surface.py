@@ -16,7 +16,7 @@ from nsm.metrics.pieces import Pieces
 from nsm.metrics.residuals import divergence, level_set_residual, mean_magnitude, rate
 from nsm.types import Jet, Morph, SimplexMesh
 
-#: Points drawn on the surface.
+#: Points drawn on the surface by default.
 SAMPLES = 10_000
 
 
@@ -54,13 +54,14 @@ class SurfaceFigures(NamedTuple):
     divergence: float
 
 
-def surface_figures(morph: Morph, time: float, mesh: SimplexMesh) -> SurfaceFigures:
+def surface_figures(morph: Morph, time: float, mesh: SimplexMesh, samples: int = SAMPLES) -> SurfaceFigures:
     """Measure the surface of a morph at one time.
 
     Args:
         morph: Morph to measure.
         time: The time.
         mesh: Surface of the morph at that time, as `nsm.geometry.meshing.extract_surface` gives it.
+        samples: Number of points drawn on it.
     """
     parts = topology.component_measures(mesh)
     area = float(parts.sum())
@@ -68,7 +69,7 @@ def surface_figures(morph: Morph, time: float, mesh: SimplexMesh) -> SurfaceFigu
     if not area > 0:
         return SurfaceFigures(time, *counts, 0.0, area, *[math.nan] * 6)
     generator = torch.Generator(mesh.vertices.device).manual_seed(0)
-    points = _onto_surface(morph, sample_mesh(mesh, SAMPLES, generator).points, time)
+    points = _onto_surface(morph, sample_mesh(mesh, samples, generator).points, time)
     norm = morph.gradient(points, time).detach().norm(dim=1)
     residual = level_set_residual(morph, points, time)
     return SurfaceFigures(

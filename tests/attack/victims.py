@@ -87,12 +87,20 @@ _STUDY = (
     "volume_resolution=16",
     "surface_resolution=16",
     "times=3",
+    "samples=500",
     "strip_times=[0,1]",
     "picture_size=24",
     "output={folder}/study",
     "overrides=" + json.dumps([o for o in TINY if not o.startswith(("threads", "callbacks"))]),
 )
-_SMALL = ("volume_resolution=16", "surface_resolution=16", "times=3", "picture_size=24", "slices.times=[0,1]")
+_SMALL = (
+    "volume_resolution=16",
+    "surface_resolution=16",
+    "times=3",
+    "samples=500",
+    "picture_size=24",
+    "slices.times=[0,1]",
+)
 
 _GIVEN = "checkpoint={folder}/morph.ckpt"
 _STRIP = ("output={folder}/strip.png", "kind=strip", "size=24", "times=[0,1]", "resolution=12")

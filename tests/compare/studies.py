@@ -30,6 +30,7 @@ SMALL = (
     "volume_resolution=16",
     "surface_resolution=16",
     "times=3",
+    "samples=500",
     "strip_times=[0,1]",
     "picture_size=24",
 )

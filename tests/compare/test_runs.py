@@ -24,8 +24,8 @@ from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.compare import run
 from nsm.compare.plan import Budget, Job
-from nsm.compare.progress import study_progress
-from nsm.compare.record import FAILED, INTERRUPTED, prepare, read_record, write_record
+from nsm.compare.progress import training_progress
+from nsm.compare.record import FAILED, INTERRUPTED, being_carried_out, prepare, read_record, write_record
 from nsm.train.callbacks import StepTimes
 
 
@@ -50,7 +50,7 @@ def test_minutes_become_steps_by_the_time_of_one_and_stay_what_they_were(tmp_pat
     assert record.steps is not None
     assert 0.9 * allowed <= record.steps <= max(1.0, allowed)
     assert started == [job.folder, job.folder]  # once to measure, once to train
-    assert not (job.folder / "measure").exists()
+    assert not (job.folder / "timing").exists()
     assert json.loads((job.folder / "summary.json").read_text())["steps"] == record.steps
     assert prepare(job, Budget(0.01, None), trained=True, threads=1, retry=True).steps == record.steps
 
@@ -113,7 +113,7 @@ def test_a_run_that_another_worker_carries_out_is_waited_for(tmp_path: Path, mon
     monkeypatch.setattr(run, "_start", mock.Mock(side_effect=AssertionError("run twice")))
     states: list[str] = []
     second = threading.Thread(target=lambda: states.append(run.carry_out({"folder": str(job.folder)})))
-    with run.being_carried_out(job.folder):
+    with being_carried_out(job.folder):
         second.start()
         time.sleep(0.2)
         assert not states
@@ -246,7 +246,7 @@ def test_progress_tells_finished_runs_from_active_ones(tmp_path: Path, capfd: py
     log = runs[1].folder / "log" / "metrics.csv"
     log.parent.mkdir()
     log.write_text("epoch,step,train/loss\n0,3,1.0\n")
-    with study_progress(runs):
+    with training_progress(runs):
         pass
     printed = capfd.readouterr().err
     assert printed.startswith("training: 1 of 3 runs, ")

@@ -15,7 +15,7 @@ from analytic import sentence
 from studies import compare_here, rows, tiny
 
 from nsm.compare import __main__ as compare
-from nsm.compare import results, run
+from nsm.compare import launch, measurement, run
 
 _STEMS = [
     "tables/volume_std",
@@ -55,7 +55,7 @@ def test_a_study_ends_with_a_folder_that_shows_it_and_a_failed_run_is_a_row(
     assert float(table[1][1]) == pytest.approx(found["adadiv"]["figures"]["volume std"])
 
     # once more: nothing runs, nothing is measured
-    monkeypatch.setattr(results, "evaluate_morph", lambda *rest: pytest.fail("measured again"))
+    monkeypatch.setattr(measurement, "evaluate_morph", lambda *rest: pytest.fail("measured again"))
     del started[:]
     assert compare_here(*command) == 0
     assert not started
@@ -114,7 +114,7 @@ class Lost:
 
 
 def test_a_lost_worker_does_not_end_the_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compare.Plugins, "instantiate_launcher", lambda self, **rest: Lost())
+    monkeypatch.setattr(launch.Plugins, "instantiate_launcher", lambda self, **rest: Lost())
     assert compare_here(*tiny(tmp_path, "methods=[adadiv]")) == 0
     assert rows(tmp_path)["adadiv"]["reason"] == "the run is planned; repeat the command to resume it"
 

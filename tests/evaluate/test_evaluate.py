@@ -15,7 +15,7 @@ from nsm.evaluate.tables import markdown_table, print_table
 from nsm.io.loading import load_morphs, output_folder
 from nsm.metrics import Protocol, evaluate_morph
 
-SMALL = ("volume_resolution=12", "surface_resolution=12", "times=3", "picture_size=24")
+SMALL = ("volume_resolution=12", "surface_resolution=12", "times=3", "samples=500", "picture_size=24")
 
 
 @pytest.fixture(autouse=True)

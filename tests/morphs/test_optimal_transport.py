@@ -192,7 +192,7 @@ def test_a_finished_run_is_not_made_again(finished: Path, capfd: pytest.CaptureF
 
 
 def test_a_run_is_evaluated_like_any_other(finished: Path, tmp_path: Path) -> None:
-    tiny = ("volume_resolution=16", "surface_resolution=16", "times=3", "picture_size=24")
+    tiny = ("volume_resolution=16", "surface_resolution=16", "times=3", "samples=500", "picture_size=24")
     assert run_here(evaluate, f"checkpoint={finished}", *tiny, f"output={tmp_path}", f"hydra.run.dir={tmp_path}") == 0
     assert (tmp_path / "metrics.json").is_file()
 
