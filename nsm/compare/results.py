@@ -107,7 +107,9 @@ def measurement(study: Study, result: Result, folder: Path) -> Measurement | Non
     if result.checkpoint is None:
         return None
     name = folder.relative_to(study.folder / "runs").as_posix()
-    return Measurement(name, folder, result.checkpoint, result.ends, result.growth, study.protocol, study.threads)
+    # a worker may run in another folder
+    origin = result.checkpoint if result.seed is None else str(Path(result.checkpoint).resolve())
+    return Measurement(name, folder, origin, result.ends, result.growth, study.protocol, study.threads)
 
 
 def measured(result: Result, measurement: Measurement) -> Result:

@@ -113,6 +113,7 @@ class FieldShape(nn.Module, Shape):
         self.similarity = similarity
         self.placement = similarity if placement is None else placement
         self._local_surface: SimplexMesh | None = None
+        self._local_volume: float | None = None
 
     @abstractmethod
     def local_distance(self, p: Float[Tensor, "n d"]) -> Float[Tensor, " n"]:
@@ -182,9 +183,10 @@ class FieldShape(nn.Module, Shape):
         return torch.stack([vertices.amin(0), vertices.amax(0)])
 
     def volume(self) -> float:
-        """Compute the volume of the inside from fractions of cells on a grid over the local box."""
-        local = volume(self._local_field, self.local_box(), self._resolution(VOLUME_RESOLUTION))
-        return self.placement.scale**self.dim * local
+        """Compute the volume of the inside from fractions of cells on a grid over the local box, once."""
+        if self._local_volume is None:
+            self._local_volume = volume(self._local_field, self.local_box(), self._resolution(VOLUME_RESOLUTION))
+        return self.placement.scale**self.dim * self._local_volume
 
     @torch.no_grad()
     def surface_samples(self, count: int, generator: torch.Generator) -> SurfaceSamples:

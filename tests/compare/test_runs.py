@@ -23,9 +23,11 @@ from studies import TINY, compare_here, rows, tiny
 from nsm.cli.configuration import CONF
 from nsm.cli.errors import InputError
 from nsm.compare import run
+from nsm.compare.measurement import Measurement
 from nsm.compare.plan import Budget, Job
-from nsm.compare.progress import training_progress
+from nsm.compare.progress import measuring_progress, training_progress
 from nsm.compare.record import FAILED, INTERRUPTED, being_carried_out, prepare, read_record, write_record
+from nsm.metrics import Protocol
 from nsm.train.callbacks import StepTimes
 
 
@@ -251,3 +253,23 @@ def test_progress_tells_finished_runs_from_active_ones(tmp_path: Path, capfd: py
     printed = capfd.readouterr().err
     assert printed.startswith("training: 1 of 3 runs, ")
     assert "disk/nise: step 4 of 8" in printed
+
+
+def test_progress_tells_measured_morphs_from_those_being_measured(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    asked = [
+        Measurement(f"disk/{name}", tmp_path / name, "a.ckpt", "network", "none", Protocol(), None) for name in "abc"
+    ]
+    for each in asked[1:]:
+        each.request()
+    request = asked[1].folder / "measure.json"
+    request.write_text(json.dumps(json.loads(request.read_text()) | {"stage": "volume over time"}))
+    with measuring_progress(asked):
+        pass
+    printed = capfd.readouterr().err
+    assert printed.startswith("measuring: 1 of 3 morphs, ")
+    assert printed.rstrip().endswith(", disk/b: volume over time")
+    with measuring_progress([]):
+        pass
+    assert not capfd.readouterr().err, "nothing to measure is no work"

@@ -9,7 +9,7 @@ import torch
 from measured import Nothing, Still, surface_at
 from problems import MOTIONS, Ball, LinearMotion
 
-from nsm.metrics.residuals import divergence, level_set_residual, rate, space_residuals
+from nsm.metrics.residuals import SAMPLES, divergence, level_set_residual, rate, space_residuals
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -88,7 +88,10 @@ def test_the_shell_is_next_to_the_surface():
     assert shell.points > 500
     # ∫ |2|x| − 1| over the square, by Monte Carlo with 10⁷ points
     assert box.eikonal == pytest.approx(0.6612, abs=0.02)
-    assert box.points == 1 << 13
+    assert box.points == SAMPLES
+    # a wider shell has as many points as were asked for, which are drawn until they are found
+    shell, box = space_residuals(Still(2, lambda x, t: x.square().sum(1) - 0.25), 0.0, 0.1, samples=300)
+    assert (shell.points, box.points) == (300, 300)
     empty = space_residuals(Nothing(Ball(2)), 0.0).shell
     assert empty.points == 0
     assert math.isnan(empty.eikonal)
