@@ -98,11 +98,16 @@ def render_strip(
 
 
 def try_strip(
-    path: Path | str, morphs: Morph | Mapping[str, Morph], times: Sequence[float] = TIMES, *, size: int = 400
+    path: Path | str,
+    morphs: Morph | Mapping[str, Morph],
+    times: Sequence[float] = TIMES,
+    *,
+    size: int = 400,
+    look: Look = LOOK,
 ) -> bool:
     """Draw a strip with `render_strip`, or warn that this machine cannot; returns whether it was drawn."""
     try:
-        render_strip(path, morphs, times, size=size)
+        render_strip(path, morphs, times, size=size, look=look)
     except (MissingPackageError, NoOpenGLError) as error:
         log.warning("Skipped %s. %s", path, error)
         return False
