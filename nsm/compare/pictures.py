@@ -14,11 +14,7 @@ from nsm.compare.plan import Study
 from nsm.compare.results import Result
 from nsm.compare.topology import plot_changes
 from nsm.plots.curves import plot_volume_curves
-from nsm.plots.look import LOOK
 from nsm.plots.strip import try_strip
-
-#: Least width of a cell of a surface in pixels, below which finer cells do not show.
-_PIXELS_PER_CELL = 2
 
 
 def draw_pair(
@@ -46,9 +42,7 @@ def draw_pair(
     files = [curves]
     progress(f"strip of {pair}")
     morphs = {result.method: result.morph() for result in first}
-    size = strip["size"]
-    look = LOOK._replace(resolution=min(LOOK.resolution, size // _PIXELS_PER_CELL))
-    if try_strip(picture, morphs, strip["times"], size=size, look=look):
+    if try_strip(picture, morphs, strip["times"], size=strip["size"]):
         files.append(picture)
     progress(f"quality over time of {pair}")
     if plot_courses(course, [result for result in shown if result.pair == pair], methods):

@@ -8,15 +8,17 @@ shapes, or scale. Comparison with the published shapes determined what is missin
 - ``bust-max`` goes from max to bust, and ``twist`` from pave to twist.
 - ``best_V.pth`` of aligned_feline-horse is not a velocity, but the network f again, with its weights divided by 60.
   There V is ``weights_V.pth``, with which the level set equation holds as well as for the other pairs.
+- Feline and horse lie on their sides in their files. Their networks are turned, so that all morphs are upright here.
 - Every surface stays inside [−1, 1]^3 at the times that were checked (t = 0, ¼, ½, ¾, 1), so this is the box of each
   morph.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -24,7 +26,7 @@ from torch import Tensor
 from nsm import calculus
 from nsm.cli.errors import InputError
 from nsm.cli.settings import nearest
-from nsm.fields import AdaDiv, ScalarSiren, VectorSiren
+from nsm.fields import AdaDiv, ScalarSiren, Siren, VectorSiren
 from nsm.fields.beta import Gaussian
 from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import FieldShape, SirenFile, fetch
@@ -53,6 +55,8 @@ class Pair(NamedTuple):
         target: Name of the shape at t = 1 in ``official/ni``.
         velocity: Name of the file of V.
         velocity_omega: ω of V.
+        up: Direction in the coordinates of the files that becomes +y; None for +y.
+        pose: Rotation by quarter turns after that, which keep the box.
     """
 
     folder: str
@@ -60,6 +64,8 @@ class Pair(NamedTuple):
     target: str
     velocity: str = "best_V.pth"
     velocity_omega: float = OFFICIAL_OMEGA
+    up: tuple[float, ...] | None = None
+    pose: Mapping[str, Any] | None = None
 
 
 #: Published morphs by the names of our experiments; `official_name` also accepts the names of their folders.
@@ -67,7 +73,14 @@ PAIRS = {
     "kitten_fandisk": Pair("kitten-fandisk", "kitten", "fandisk"),
     "spot_bob": Pair("spot-bob", "spot", "bob", "weights_V.pth", 30.0),
     "cylinders_torus": Pair("cylinder-torus", "cylinder", "torus"),
-    "feline_horse": Pair("aligned_feline-horse", "aligned_feline", "horse", "weights_V.pth"),
+    "feline_horse": Pair(
+        "aligned_feline-horse",
+        "aligned_feline",
+        "horse",
+        "weights_V.pth",
+        up=(0, 0, 1),
+        pose={"rotation": [0, 90, 0]},
+    ),
     "bust_max": Pair("bust-max", "max_new", "bust", "weights_V.pth", 30.0),
     "twist": Pair("twist", "pave", "twist"),
 }
@@ -113,10 +126,11 @@ def load_official(
     """
     pair = PAIRS[official_name(name)]
     folder = f"official/morphs/{pair.folder}"
-    source, target = (SirenFile(f"official/ni/{end}.pth", ends_omega) for end in (pair.source, pair.target))
+    files = (f"official/ni/{end}.pth" for end in (pair.source, pair.target))
+    source, target = (SirenFile(file, ends_omega, pair.pose, pair.up) for file in files)
     chosen = pair.velocity_omega if velocity_omega is None else velocity_omega
-    files = fetch(f"{folder}/best.pth"), fetch(f"{folder}/{pair.velocity}")
-    return read_morph(*files, source, target, chosen, omega, alpha)
+    field, velocity = fetch(f"{folder}/best.pth"), fetch(f"{folder}/{pair.velocity}")
+    return read_morph(field, velocity, source, target, chosen, omega, alpha)
 
 
 def read_morph(
@@ -133,8 +147,8 @@ def read_morph(
     Args:
         field_file: State dict of f.
         velocity_file: State dict of the network of V.
-        source: Shape at t = 0.
-        target: Shape at t = 1.
+        source: Shape at t = 0. It may be turned from the coordinates of its file; the morph is then turned like it.
+        target: Shape at t = 1, turned in the same way.
         velocity_omega: ω of V.
         omega: ω of f.
         alpha: α of β(s) = 1 − exp(−α s²).
@@ -151,10 +165,27 @@ def read_morph(
     velocity = AdaDiv(dim, network, Gaussian(alpha))
     set_layers_(field, layers)
     set_layers_(velocity.network, layers_v)
+    _turn_(field, source.similarity.rotation)
+    _turn_(velocity.network, source.similarity.rotation)
     morph = NeuralMorph(field, velocity, source, target).eval().requires_grad_(False)
     _require_ends(morph, field_file, omega)
     _require_level_set_equation(morph, velocity_file, velocity_omega)
     return morph
+
+
+@torch.no_grad()
+def _turn_(network: Siren, rotation: Tensor) -> None:
+    """Turn a network of (x, t): a scalar g becomes g(Rᵀ x, t), and a vector D in 3D after the scalar R D(Rᵀ x, t).
+
+    Then ∇u and curl D turn like D. In 2D, the potential is a scalar, too.
+    """
+    first, last = network.linear_layers[0], network.linear_layers[-1]
+    rotation, dim = rotation.to(first.weight), len(rotation)
+    first.weight[:, :dim] = first.weight[:, :dim] @ rotation.T
+    if dim == 3:
+        for part in (last.weight[1:], last.bias[1:]):
+            if len(part):  # those of D
+                part.copy_(rotation @ part)
 
 
 def _size(layers: list[Tensor]) -> tuple[int, int]:

@@ -13,13 +13,13 @@ from nsm.geometry.grid import Lattice, evaluate
 from nsm.geometry.jacobian import VolumeChange, trace_points
 from nsm.types import DIVERGENCE_STEP, Morph
 
-#: Number of points, at most, and cells along the box on which they are chosen.
-SAMPLES, _RESOLUTION = 1024, 48
+#: Number of points, at most, by default, and cells along the box on which they are chosen.
+SAMPLES, _RESOLUTION = 1000, 48
 #: Integrator of V; each point is advected with two neighbors for each axis.
 _METHOD = RungeKutta(16)
 
 
-def interior_change(morph: Morph) -> VolumeChange | None:
+def interior_change(morph: Morph, samples: int = SAMPLES) -> VolumeChange | None:
     """Measure the change of volumes inside of the source under the flow from t = 0 to 1, relative to the wanted one.
 
     V preserves the volume of the whole shape if its divergence vanishes on the moving surface. Inside, it may expand
@@ -27,6 +27,7 @@ def interior_change(morph: Morph) -> VolumeChange | None:
 
     Args:
         morph: Morph to measure.
+        samples: Number of points, at most.
 
     Returns:
         The distribution; None for a morph without velocity, or without an inside at t = 0.
@@ -34,7 +35,7 @@ def interior_change(morph: Morph) -> VolumeChange | None:
     points = interior_points(morph, _RESOLUTION)
     if not morph.has_velocity or not len(points):
         return None
-    some = points[:: -(-len(points) // SAMPLES)]
+    some = points[:: -(-len(points) // samples)]
     traced = trace_points(cast(VelocityField, morph.velocity), some, [0.0, 1.0], jacobian_step(morph), _METHOD)
     return VolumeChange.of(traced.determinants[-1], morph.wanted_volume(1.0) / morph.wanted_volume(0.0))
 

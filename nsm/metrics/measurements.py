@@ -28,6 +28,8 @@ from nsm.types import Morph, SimplexMesh
 _STAGES = 6
 #: What is advected, the surface and the points inside, has cells this many times as large as the grid of volumes.
 _ADVECTED_COARSER = 2
+#: Points on the surface for each point inside, which is advected with two neighbors for each axis.
+_FEWER_INSIDE = 10
 
 
 def stages(morph: Morph) -> int:
@@ -146,7 +148,7 @@ class Measurements:
     def interior(self) -> VolumeChange | None:
         """Change of volumes inside under the flow of V; None for a morph without velocity."""
         self._progress("change of volume inside")
-        return interior_change(self.morph)
+        return interior_change(self.morph, max(1, self.protocol.samples // _FEWER_INSIDE))
 
     @cached_property
     def flow(self) -> FlowError | None:

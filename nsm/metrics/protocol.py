@@ -7,7 +7,7 @@ from typing import Any
 
 from nsm.geometry.advection import DEFAULT_METHOD
 from nsm.geometry.volume import VOLUME_RESOLUTION
-from nsm.metrics import endpoint, events, interior, residuals
+from nsm.metrics import endpoint, events, residuals
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,8 @@ class Protocol:
         volume_resolution: Cells along the box for volumes and for the surface over time.
         surface_resolution: Cells along the box for the surfaces that are compared at both ends.
         times: Number of times, evenly spaced from 0 to 1, at least 2.
-        samples: Points on the surface, in the shell around it, and in the box over which figures are averaged.
+        samples: Points on the surface, in the shell around it, and in the box over which figures are averaged; inside,
+            a tenth as many.
         shell_width: |f| on the rim of the shell around the surface, in units of length.
     """
 
@@ -33,7 +34,6 @@ class Protocol:
         return asdict(self) | {
             "points_on_end_surfaces": endpoint.SAMPLES,
             "points_to_find_one_in_shell": residuals.TRIES,
-            "points_inside": interior.SAMPLES,
             "time_step_of_rates": residuals.TIME_STEP,
             "time_tolerance_of_events": events.TIME_TOLERANCE,
             "advection": repr(DEFAULT_METHOD),

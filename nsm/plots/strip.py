@@ -98,16 +98,11 @@ def render_strip(
 
 
 def try_strip(
-    path: Path | str,
-    morphs: Morph | Mapping[str, Morph],
-    times: Sequence[float] = TIMES,
-    *,
-    size: int = 400,
-    look: Look = LOOK,
+    path: Path | str, morphs: Morph | Mapping[str, Morph], times: Sequence[float] = TIMES, *, size: int = 400
 ) -> bool:
     """Draw a strip with `render_strip`, or warn that this machine cannot; returns whether it was drawn."""
     try:
-        render_strip(path, morphs, times, size=size, look=look)
+        render_strip(path, morphs, times, size=size)
     except (MissingPackageError, NoOpenGLError) as error:
         log.warning("Skipped %s. %s", path, error)
         return False

@@ -37,9 +37,9 @@ def test_a_run_is_measured_into_its_own_folder(tmp_path: Path, capfd: pytest.Cap
         f"outputs/disk/evaluation/{name}" for name in written
     }
     told = json.loads((run / "evaluation" / "metrics.json").read_text())
-    assert told["protocol"] == Protocol(12, 12, 3).describe()
+    assert told["protocol"] == Protocol(12, 12, 3, 500).describe()
     assert set(told["meanings"]) >= {name.split(" t=")[0] for name in told["morphs"]["disk"]["figures"]}
-    expected = evaluate_morph(morph, Protocol(12, 12, 3)).to_dict()
+    expected = evaluate_morph(morph, Protocol(12, 12, 3, 500)).to_dict()
     assert told["morphs"]["disk"]["figures"] == pytest.approx(expected["figures"], nan_ok=True)
     assert told["morphs"]["disk"]["origin"] == str(run / "checkpoints" / "best.ckpt")
     rows = list(csv.DictReader((run / "evaluation" / "volume.csv").read_text().splitlines()))
@@ -107,7 +107,7 @@ def test_the_network_alone(tmp_path: Path) -> None:
 def test_a_narrow_terminal_shows_whole_numbers(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    figures = evaluate_morph(shrinking(2, 0.1), Protocol(12, 12, 3)).figures()
+    figures = evaluate_morph(shrinking(2, 0.1), Protocol(12, 12, 3, 500)).figures()
     monkeypatch.setenv("COLUMNS", "64")
     monkeypatch.setenv("FORCE_COLOR", "1")
     print_table({str(n) * 30: figures for n in range(5)}, "five morphs")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 
 from nsm.cli.errors import InputError
 from nsm.io.official import PAIRS, load_official, official_name, read_morph
+from nsm.morphs.neural import NeuralMorph
 from nsm.shapes import Ball, SirenFile
 
 
@@ -38,6 +41,28 @@ def test_published_morphs_join_their_shapes_and_keep_their_volume(name: str, dat
     assert divergence is not None
     # β and β' vanish on the surface, and near it they are small
     assert divergence.abs().mean() < 0.05 * max(1.0, float(velocity.norm(dim=1).mean()))
+
+
+def test_a_morph_is_turned_like_its_shapes(data_dir: Path) -> None:
+    folder = data_dir / "official" / "morphs" / "spot-bob"
+
+    def read(pose: Mapping[str, Any] | None, up: Sequence[float] | None = None) -> NeuralMorph:
+        ends = (SirenFile(f"official/ni/{name}.pth", pose=pose, up=up) for name in ("spot", "bob"))
+        return read_morph(folder / "best.pth", folder / "weights_V.pth", *ends, 30.0)
+
+    lying, turned = read(None), read({"rotation": [0, 90, 0]}, up=[0, 0, 1])
+    assert isinstance(turned.source, SirenFile)
+    rotation = turned.source.similarity.rotation.float()
+    # the direction that is up in the files is up, by a proper rotation
+    torch.testing.assert_close(rotation @ torch.tensor([0.0, 0, 1]), torch.tensor([0.0, 1, 0]), atol=1e-6, rtol=0)
+    assert torch.det(rotation) == pytest.approx(1)
+    x = torch.rand(500, 3) - 0.5
+    y = x @ rotation.T
+    for time in (0.0, 0.3, 1.0):
+        torch.testing.assert_close(turned(y, time), lying(x, time), atol=1e-5, rtol=0)
+        torch.testing.assert_close(turned.gradient(y, time), lying.gradient(x, time) @ rotation.T, atol=1e-4, rtol=0)
+        torch.testing.assert_close(turned.velocity(y, time), lying.velocity(x, time) @ rotation.T, atol=1e-3, rtol=0)
+        torch.testing.assert_close(turned.divergence(y, time), lying.divergence(x, time), atol=1e-2, rtol=0)
 
 
 @pytest.mark.parametrize("arguments", [{"omega": 60.0}, {"omega": 0.9}])

@@ -59,6 +59,15 @@ def ellipsoid(path: Path, scale: float = 1.0, shift: float = 0.0) -> str:
     return str(path)
 
 
+def test_a_moved_network_has_the_scaled_volume_without_another_evaluation() -> None:
+    shape = blob()
+    volume = shape.volume()
+    larger = shape.transformed(Similarity.about(torch.tensor([0.1, 0.2, 0.3], dtype=torch.double), 1.5))
+    with mock.patch.object(SirenShape, "local_distance", side_effect=AssertionError):
+        assert larger.volume() == pytest.approx(1.5**3 * volume)
+    assert blob().transformed(larger.placement).volume() == pytest.approx(1.5**3 * volume)
+
+
 class TestDomain:
     """Networks are read where they were trained, and nowhere else."""
 
