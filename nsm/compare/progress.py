@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 
 from nsm.cli.progress import Progress
@@ -22,26 +23,22 @@ _NAMED = 3
 _ALMOST = 0.999
 
 
-@contextmanager
-def training_progress(jobs: Sequence[Job]) -> Iterator[None]:
+def training_progress(jobs: Sequence[Job]) -> AbstractContextManager[None]:
     """Show how many runs are finished and how far the active ones are, whichever launcher carries them out.
 
     Args:
         jobs: The runs.
     """
-    with _watched("training", "runs", len(jobs), lambda progress: _show_runs(jobs, progress)):
-        yield
+    return _watched("training", "runs", len(jobs), partial(_show_runs, jobs))
 
 
-@contextmanager
-def measuring_progress(measurements: Sequence[Measurement]) -> Iterator[None]:
+def measuring_progress(measurements: Sequence[Measurement]) -> AbstractContextManager[None]:
     """Show how many morphs are measured and at which stage the active ones are.
 
     Args:
         measurements: The measurements.
     """
-    with _watched("measuring", "morphs", len(measurements), lambda progress: _show_morphs(measurements, progress)):
-        yield
+    return _watched("measuring", "morphs", len(measurements), partial(_show_morphs, measurements))
 
 
 @contextmanager

@@ -107,8 +107,9 @@ def measurement(study: Study, result: Result, folder: Path) -> Measurement | Non
     if result.checkpoint is None:
         return None
     name = folder.relative_to(study.folder / "runs").as_posix()
+    published = result.checkpoint.startswith(PUBLISHED)
     # a worker may run in another folder
-    origin = result.checkpoint if result.seed is None else str(Path(result.checkpoint).resolve())
+    origin = result.checkpoint if published else str(Path(result.checkpoint).resolve())
     return Measurement(name, folder, origin, result.ends, result.growth, study.protocol, study.threads)
 
 

@@ -26,7 +26,7 @@ class Protocol:
     volume_resolution: int = VOLUME_RESOLUTION
     surface_resolution: int = endpoint.SURFACE_RESOLUTION
     times: int = 11
-    samples: int = 10_000
+    samples: int = residuals.SAMPLES
     shell_width: float = residuals.SHELL_WIDTH
 
     def describe(self) -> dict[str, Any]:

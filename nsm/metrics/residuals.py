@@ -11,7 +11,8 @@ from torch import Tensor
 
 from nsm.types import Morph
 
-#: Points over which each region is averaged by default, and points drawn in the box at most to find one in the shell.
+#: Points over which the surface and each region are averaged by default, and greatest number of draws of as many points
+#: to find those in the shell.
 SAMPLES, TRIES = 10_000, 16
 #: |f| on the rim of the shell around the surface, in units of length.
 SHELL_WIDTH = 0.05
@@ -62,13 +63,19 @@ def space_residuals(morph: Morph, time: float, width: float = SHELL_WIDTH, sampl
     """
     low, high = morph.bounds
     generator = torch.Generator(low.device).manual_seed(0)
-    share = torch.rand(TRIES, samples, morph.dim, generator=generator, dtype=low.dtype, device=low.device)
-    points = low + share * (high - low)
-    shell = points[0, :0]
-    for drawn in points:
-        if len(shell) < samples:
-            shell = torch.cat([shell, drawn[morph(drawn, time).abs() < width]])
-    return SpaceResiduals(*(_region(morph, region, time) for region in (shell[:samples], points[0])))
+
+    def draw() -> Tensor:
+        share = torch.rand(samples, morph.dim, generator=generator, dtype=low.dtype, device=low.device)
+        return low + share * (high - low)
+
+    box = drawn = draw()
+    shell = drawn[morph(drawn, time).abs() < width]
+    for _ in range(TRIES - 1):
+        if len(shell) >= samples:
+            break
+        drawn = draw()
+        shell = torch.cat([shell, drawn[morph(drawn, time).abs() < width]])
+    return SpaceResiduals(*(_region(morph, region, time) for region in (shell[:samples], box)))
 
 
 def rate(morph: Morph, x: Float[Tensor, "n d"], time: float) -> Float[Tensor, " n"]:

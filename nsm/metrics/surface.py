@@ -13,11 +13,8 @@ from nsm.geometry import topology
 from nsm.geometry.projection import project_to_level
 from nsm.geometry.sampling import sample_mesh
 from nsm.metrics.pieces import Pieces
-from nsm.metrics.residuals import divergence, level_set_residual, mean_magnitude, rate
+from nsm.metrics.residuals import SAMPLES, divergence, level_set_residual, mean_magnitude, rate
 from nsm.types import Jet, Morph, SimplexMesh
-
-#: Points drawn on the surface by default.
-SAMPLES = 10_000
 
 
 class SurfaceFigures(NamedTuple):

@@ -90,3 +90,10 @@ def forked(arguments: Sequence[str], log: Path, threads: int | None) -> int:
 
 def rows(folder: Path) -> dict[str, dict[str, Any]]:
     return {row["method"]: row for row in json.loads((folder / "study.json").read_text())["rows"]}
+
+
+class Lost:
+    """A launcher whose worker dies."""
+
+    def launch(self, *rest: Any, **more: Any) -> None:
+        raise RuntimeError("a worker was lost")

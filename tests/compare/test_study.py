@@ -12,7 +12,7 @@ from typing import Any
 import cloudpickle
 import pytest
 from analytic import sentence
-from studies import compare_here, rows, tiny
+from studies import Lost, compare_here, rows, tiny
 
 from nsm.compare import __main__ as compare
 from nsm.compare import launch, measurement, run
@@ -104,13 +104,6 @@ def test_each_method_has_its_own_learning_rate_and_growth_and_its_course_is_show
     assert "each method with its own best of the learning rates 1e-06, 1e-05" in page
     assert "(course_growing.png)" in page
     assert (tmp_path / "pairs" / "growing_rates.csv").is_file()
-
-
-class Lost:
-    """A launcher whose worker dies."""
-
-    def launch(self, *rest: Any, **more: Any) -> None:
-        raise RuntimeError("a worker was lost")
 
 
 def test_a_lost_worker_does_not_end_the_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
